@@ -1,0 +1,72 @@
+"""Blocks of samples: what drivers and trial files hand to everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from imu_rig.arrays import AnyArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class ImuBlock:
+    """``n`` consecutive samples of one inertial sensor, nominally scaled, not calibrated.
+
+    Attributes
+    ----------
+    t : shape (n,)
+        Time of each sample on the host's monotonic clock [s]: the device clock mapped by a fit,
+        strictly increasing. The time that algorithms use.
+    accel : shape (n, 3)
+        Specific force in sensor axes [m/s^2], +g on the axis that points up at rest.
+    gyro : shape (n, 3)
+        Angular rate in sensor axes [rad/s].
+    host_s : shape (n,)
+        Arrival of the bytes that completed the sample, host monotonic clock [s]. Bursty and late.
+    device_s : shape (n,) or None
+        Unwrapped device clock [s], as the device counted it; None where it sends none.
+    counter : shape (n,) or None
+        Unwrapped packet counter; a difference above 1 is a loss. None where there is none.
+    mag : shape (n, 3) or None
+        Magnetic field in the accelerometer's axes [uT].
+    temperature : shape (n,) or None
+        Sensor temperature [degC].
+    """
+
+    t: FloatArray
+    accel: FloatArray
+    gyro: FloatArray
+    host_s: FloatArray
+    device_s: FloatArray | None = None
+    counter: IntArray | None = None
+    mag: FloatArray | None = None
+    temperature: FloatArray | None = None
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return int(self.t.shape[0])
+
+    def __getitem__(self, rows: slice | AnyArray) -> ImuBlock:
+        """Return the samples that ``rows`` (a slice, mask or index array) selects."""
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        return ImuBlock(**{k: None if c is None else c[rows] for k, c in columns.items()})
+
+    @staticmethod
+    def empty() -> ImuBlock:
+        """Return a block without samples."""
+        return ImuBlock(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+
+    @staticmethod
+    def concatenate(blocks: Sequence[ImuBlock]) -> ImuBlock:
+        """Join blocks of one device in order; a column that one of them lacks is dropped."""
+        full = [b for b in blocks if len(b)]
+        if not full:
+            return ImuBlock.empty()
+        columns: dict[str, Any] = {}
+        for f in fields(ImuBlock):
+            parts = [getattr(b, f.name) for b in full]
+            columns[f.name] = None if any(p is None for p in parts) else np.concatenate(parts)
+        return ImuBlock(**columns)

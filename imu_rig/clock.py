@@ -1,0 +1,101 @@
+"""Monotonic time as a value that can be handed in, so that a simulated hour need not take one."""
+
+import time
+from dataclasses import dataclass, field
+from typing import Protocol
+
+NS_PER_S = 1_000_000_000
+
+
+class Clock(Protocol):
+    """A monotonic clock and the means to wait on it."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds on this clock; the origin is arbitrary."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for ``seconds`` of this clock's time."""
+        ...
+
+
+class SystemClock:
+    """The machine's monotonic clock."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds of ``time.monotonic_ns``."""
+        return time.monotonic_ns()
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep for ``seconds``."""
+        time.sleep(max(0.0, seconds))
+
+
+class ScaledClock:
+    """A clock that runs ``speed`` times as fast as the machine's, for simulated hardware.
+
+    Parameters
+    ----------
+    speed : float
+        Seconds on this clock per second of the machine's clock, above 0.
+    """
+
+    def __init__(self, speed: float) -> None:
+        if not speed > 0:
+            raise ValueError(f"a clock's speed must be above 0, not {speed}")
+        self.speed = speed
+        self._origin = time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Nanoseconds on the scaled clock, continuous from the moment it was made."""
+        return self._origin + int((time.monotonic_ns() - self._origin) * self.speed)
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep for ``seconds`` of scaled time."""
+        time.sleep(max(0.0, seconds) / self.speed)
+
+
+class SteppedClock:
+    """A clock that moves only when told to, for deterministic tests.
+
+    ``sleep`` moves it, so that code which waits runs through at once.
+    """
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now = start_ns
+
+    def now_ns(self) -> int:
+        """Nanoseconds as last set."""
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        """Move the clock forward by ``seconds``."""
+        self.advance(max(0.0, seconds))
+
+    def advance(self, seconds: float) -> None:
+        """Move the clock forward by ``seconds`` (not negative)."""
+        if seconds < 0:
+            raise ValueError("a monotonic clock cannot go back")
+        self._now += round(seconds * NS_PER_S)
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """A moment on a clock, ``seconds`` after it was made."""
+
+    clock: Clock
+    seconds: float
+    _end_ns: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_end_ns", self.clock.now_ns() + int(self.seconds * NS_PER_S))
+
+    @property
+    def remaining(self) -> float:
+        """Seconds left, never below 0."""
+        return max(0.0, (self._end_ns - self.clock.now_ns()) / NS_PER_S)
+
+    @property
+    def expired(self) -> bool:
+        """Whether the moment has passed."""
+        return self.clock.now_ns() >= self._end_ns

@@ -1,0 +1,80 @@
+"""The error tree. Every message is one sentence that names what is wrong and what to do.
+
+::
+
+    ImuRigError            exit code 1
+    ├── InputError         2   a file, option or value that cannot be used
+    │   └── DataError      2   data that cannot determine what was asked of them
+    ├── PortError          3   a port that cannot be opened: missing, forbidden, busy
+    ├── DeviceError        4   a device that answers wrongly
+    │   ├── DeviceLost     4   a device that went silent or was unplugged
+    │   └── LimitError     4   a command that would leave the limits of the jig file
+    ├── StorageError       5   the disk is full or fails
+    └── SessionStopped     6   a session ended before its last pose; what it measured is kept
+
+An interruption by the user (Ctrl-C, SIGTERM) ends with 130, after everything is parked and closed.
+"""
+
+from typing import ClassVar
+
+INTERRUPTED_EXIT_CODE = 130
+
+
+class ImuRigError(Exception):
+    """Anything that imu-rig reports to its user in one sentence."""
+
+    exit_code: ClassVar[int] = 1
+
+
+class InputError(ImuRigError):
+    """A file, option or value that cannot be used.
+
+    Examples: a CSV without the named column, a jig file with a limit below its minimum.
+    """
+
+    exit_code = 2
+
+
+class DataError(InputError):
+    """Data that are well formed but cannot determine what was asked of them.
+
+    Examples: too few poses, every pose upside up, an axis at its range limit.
+    """
+
+
+class PortError(ImuRigError):
+    """A port that cannot be opened.
+
+    Examples: no such device file, no permission, open in another program.
+    """
+
+    exit_code = 3
+
+
+class DeviceError(ImuRigError):
+    """A device that answers, but not as it should.
+
+    Examples: packets of another layout, a servo controller that latched an error.
+    """
+
+    exit_code = 4
+
+
+class DeviceLost(DeviceError):  # noqa: N818  (the state is the name users meet)
+    """A device that was there and is silent or unplugged now."""
+
+
+class LimitError(DeviceError):
+    """A command that would leave the limits of the jig file; it was not sent."""
+
+
+class StorageError(ImuRigError):
+    """The disk is full or fails; what was acknowledged before stays readable."""
+
+    exit_code = 5
+
+
+class SessionStopped(ImuRigError):  # noqa: N818
+    """A session that ended before its last pose; the trial file keeps what was measured."""
+
+    exit_code = 6

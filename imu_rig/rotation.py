@@ -1,0 +1,108 @@
+"""Rotations, vectorized: scalar-first quaternions ``[w, x, y, z]``, body to navigation.
+
+``v_nav = rotate(q, v_body)``; ``multiply(p, q)`` applies ``q`` first. Leading axes broadcast.
+"""
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+
+
+def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Hamilton product ``p ⊗ q`` of quaternions, shapes (..., 4)."""
+    pw, px, py, pz = np.moveaxis(p, -1, 0)
+    qw, qx, qy, qz = np.moveaxis(q, -1, 0)
+    return np.stack(
+        (
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ),
+        axis=-1,
+    )
+
+
+def conjugate(q: FloatArray) -> FloatArray:
+    """Inverse of unit quaternions, shape (..., 4)."""
+    inverse: FloatArray = q * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
+
+
+def normalize(q: FloatArray) -> FloatArray:
+    """Scale quaternions to unit norm, shape (..., 4)."""
+    unit: FloatArray = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return unit
+
+
+def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Rotate vectors (..., 3) by unit quaternions (..., 4)."""
+    w, u = q[..., :1], q[..., 1:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+def from_rotation_vector(theta: FloatArray) -> FloatArray:
+    """Quaternion of rotation vectors ``theta`` [rad], shape (..., 3) to (..., 4)."""
+    angle = np.linalg.norm(theta, axis=-1, keepdims=True)
+    return np.concatenate((np.cos(angle / 2), theta * (0.5 * np.sinc(angle / (2 * np.pi)))), -1)
+
+
+def to_rotation_vector(q: FloatArray) -> FloatArray:
+    """Rotation vector [rad] of unit quaternions, the short way (angle at most pi)."""
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    small = sine < 1e-12
+    return q[..., 1:] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+
+
+def to_matrix(q: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) with ``v_nav = R @ v_body`` of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def about_x(angle: FloatArray | float) -> FloatArray:
+    """Rotation matrices (..., 3, 3) about x by ``angle`` [rad]."""
+    return _about_axis(angle, 0)
+
+
+def about_y(angle: FloatArray | float) -> FloatArray:
+    """Rotation matrices (..., 3, 3) about y by ``angle`` [rad]."""
+    return _about_axis(angle, 1)
+
+
+def about_z(angle: FloatArray | float) -> FloatArray:
+    """Rotation matrices (..., 3, 3) about z by ``angle`` [rad]."""
+    return _about_axis(angle, 2)
+
+
+def _about_axis(angle: FloatArray | float, axis: int) -> FloatArray:
+    angles = np.asarray(angle, dtype=float)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.zeros((*angles.shape, 3, 3))
+    matrix[..., axis, axis] = 1.0
+    matrix[..., first, first] = matrix[..., second, second] = np.cos(angles)
+    matrix[..., second, first] = np.sin(angles)
+    matrix[..., first, second] = -np.sin(angles)
+    return matrix
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Matrices ``[v]x`` (..., 3, 3) with ``skew(v) @ u = v x u``."""
+    zero = np.zeros_like(v[..., 0])
+    x, y, z = np.moveaxis(v, -1, 0)
+    return np.stack(
+        (
+            np.stack((zero, -z, y), -1),
+            np.stack((z, zero, -x), -1),
+            np.stack((-y, x, zero), -1),
+        ),
+        axis=-2,
+    )

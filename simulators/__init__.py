@@ -1,0 +1,1 @@
+"""Simulated hardware that speaks real bytes through real ports, with a known truth behind it."""
