@@ -52,7 +52,8 @@ class ImuBlock:
     def __getitem__(self, rows: slice | AnyArray) -> ImuBlock:
         """Return the samples that ``rows`` (a slice, mask or index array) selects."""
         columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        return ImuBlock(**{k: None if c is None else c[rows] for k, c in columns.items()})
+        taken: dict[str, Any] = {k: None if c is None else c[rows] for k, c in columns.items()}
+        return ImuBlock(**taken)
 
     @staticmethod
     def empty() -> ImuBlock:
