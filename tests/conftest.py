@@ -1,0 +1,72 @@
+"""What every test gets: a guard against leaks and the folder of real recordings."""
+
+import gc
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+mpl.use("agg")
+
+ROOT = Path(__file__).resolve().parent.parent
+LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
+
+
+@pytest.fixture(scope="session")
+def imu_rig_data() -> Path:
+    """Folder of the real recordings; tests that need it are skipped where it is absent."""
+    folder = Path(os.environ.get("IMU_RIG_DATA", ROOT.parent / "shared" / "data"))
+    if not (folder / "calibration").is_dir():
+        pytest.skip(f"no real recordings in {folder} (set IMU_RIG_DATA to their folder)")
+    return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def private_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Send temporary files to a folder of this run, so that a forgotten one is seen."""
+    folder = tmp_path_factory.mktemp("temporary")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(folder))
+        patch.setattr(tempfile, "tempdir", None)
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind(private_temporary_folder: Path) -> Iterator[None]:
+    """Fail a test that leaves a thread, a child process, an open port or a temporary file."""
+    before = _belongings(private_temporary_folder)
+    yield
+    deadline = time.monotonic() + LEAK_PATIENCE_S
+    while left := _belongings(private_temporary_folder) - before:
+        if time.monotonic() > deadline:
+            pytest.fail(f"left behind: {', '.join(sorted(left))}", pytrace=False)
+        gc.collect()
+        time.sleep(0.02)
+
+
+def _belongings(folder: Path) -> set[str]:
+    threads = {f"thread {t.name} {t.ident}" for t in threading.enumerate() if t.is_alive()}
+    files = {f"temporary file {p.name}" for p in folder.iterdir()}
+    return threads | files | _open_ports()
+
+
+def _open_ports() -> set[str]:
+    """Open sockets, pipes and terminals of this process (empty where there is no /proc)."""
+    ports = set()
+    try:
+        descriptors = list(Path("/proc/self/fd").iterdir())
+    except OSError:
+        return ports
+    for descriptor in descriptors:
+        try:
+            target = str(descriptor.readlink())
+        except OSError:  # closed meanwhile
+            continue
+        if target.startswith(("socket:", "pipe:", "/dev/pt", "/dev/tty")):
+            ports.add(f"descriptor {descriptor.name} of {target}")
+    return ports
