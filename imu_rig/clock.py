@@ -1,5 +1,6 @@
 """Monotonic time as a value that can be handed in, so that a simulated hour need not take one."""
 
+import threading
 import time
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -34,25 +35,38 @@ class SystemClock:
 class ScaledClock:
     """A clock that runs ``speed`` times as fast as the machine's, for simulated hardware.
 
+    A stall of the whole process (no thread looked at the clock for ``STALL_S``) is left out, so
+    that a busy machine does not look like hardware that went silent.
+
     Parameters
     ----------
     speed : float
         Seconds on this clock per second of the machine's clock, above 0.
     """
 
+    STALL_S = 0.02
+
     def __init__(self, speed: float) -> None:
         if not speed > 0:
             raise ValueError(f"a clock's speed must be above 0, not {speed}")
         self.speed = speed
-        self._origin = time.monotonic_ns()
+        self._lock = threading.Lock()
+        self._seen = time.monotonic_ns()
+        self._now = float(self._seen)
 
     def now_ns(self) -> int:
         """Nanoseconds on the scaled clock, continuous from the moment it was made."""
-        return self._origin + int((time.monotonic_ns() - self._origin) * self.speed)
+        with self._lock:
+            seen = time.monotonic_ns()
+            self._now += min(seen - self._seen, self.STALL_S * NS_PER_S) * self.speed
+            self._seen = seen
+            return int(self._now)
 
     def sleep(self, seconds: float) -> None:
         """Sleep for ``seconds`` of scaled time."""
-        time.sleep(max(0.0, seconds) / self.speed)
+        end = self.now_ns() + seconds * NS_PER_S
+        while (left := end - self.now_ns()) > 0:
+            time.sleep(min(left / NS_PER_S / self.speed, self.STALL_S / 2))
 
 
 class SteppedClock:

@@ -11,13 +11,10 @@
     │   └── LimitError     4   a command that would leave the limits of the jig file
     ├── StorageError       5   the disk is full or fails
     └── SessionStopped     6   a session ended before its last pose; what it measured is kept
-
-An interruption by the user (Ctrl-C, SIGTERM) ends with 130, after everything is parked and closed.
+        └── SessionInterrupted  130   ... because its user said so (Ctrl-C, SIGTERM, SIGHUP)
 """
 
 from typing import ClassVar
-
-INTERRUPTED_EXIT_CODE = 130
 
 
 class ImuRigError(Exception):
@@ -78,3 +75,9 @@ class SessionStopped(ImuRigError):  # noqa: N818
     """A session that ended before its last pose; the trial file keeps what was measured."""
 
     exit_code = 6
+
+
+class SessionInterrupted(SessionStopped):
+    """A session that its user stopped; everything is parked and closed before this is raised."""
+
+    exit_code = 130

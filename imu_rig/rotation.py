@@ -57,6 +57,19 @@ def to_rotation_vector(q: FloatArray) -> FloatArray:
     return q[..., 1:] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
 
 
+def compose(q: FloatArray) -> FloatArray:
+    """Product ``q[..., 0, :] ⊗ q[..., 1, :] ⊗ ...`` over the second last axis, as a pairwise tree.
+
+    With ``q`` the small body rotations of consecutive samples (shape (..., n, 4), n at least 1),
+    the result is the rotation from the last body frame to the first. The tree takes log2(n)
+    vectorized products where a loop would take n.
+    """
+    while q.shape[-2] > 1:
+        even = multiply(q[..., 0:-1:2, :], q[..., 1::2, :])
+        q = np.concatenate((even, q[..., -1:, :]), -2) if q.shape[-2] % 2 else even
+    return q[..., 0, :]
+
+
 def to_matrix(q: FloatArray) -> FloatArray:
     """Rotation matrices (..., 3, 3) with ``v_nav = R @ v_body`` of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(q, -1, 0)

@@ -1,0 +1,105 @@
+"""Judgements about samples and jig during a session, each with its sentence. No state, no I/O."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from imu_rig import rotation
+from imu_rig.arrays import FloatArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.devices.imu import ImuDevice
+from imu_rig.session.protocol import Pose
+from imu_rig.session.stillness import Quiet
+from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
+
+GRAVITY_TOLERANCE = 0.25  # of 1 g: beyond any uncalibrated sensor's scale and bias together
+TURN_TOLERANCE_DEG = 12.0  # servos of this class are off by degrees, a stuck one by a whole move
+TURN_TOLERANCE = 0.15
+
+
+def attitude(pose: Pose) -> FloatArray:
+    """Attitude matrix (3, 3), body to navigation, of an ideal jig in ``pose``."""
+    turn: FloatArray = (
+        rotation.about_z(pose.pan * DEG)
+        @ rotation.about_y(pose.tilt * DEG)
+        @ rotation.about_x(pose.roll * DEG)
+    )
+    return turn
+
+
+def share_lost(block: ImuBlock) -> float:
+    """Share of packets missing inside a block, by its counter; 0 where it has none."""
+    if block.counter is None or len(block) < 2:
+        return 0.0
+    span = int(block.counter[-1] - block.counter[0]) + 1
+    return max(0.0, 1.0 - len(block) / span)
+
+
+def wrong_gravity(name: str, block: ImuBlock) -> str | None:
+    """Say what is wrong if a sensor at rest does not read about 1 g."""
+    norm = float(np.linalg.norm(np.mean(block.accel, axis=0))) / STANDARD_GRAVITY
+    if abs(norm - 1.0) <= GRAVITY_TOLERANCE:
+        return None
+    return (
+        f"{name} reads {norm:.2f} g at rest: its values are wrong or scaled by another layout "
+        "than it sends; check the sensor's range and the packet layout."
+    )
+
+
+def no_rest(name: str, quiet: Quiet) -> str | None:
+    """Say what is wrong if a parked sensor is not at rest."""
+    if quiet.is_rest:
+        return None
+    return (
+        f"{name} is not at rest in the park pose (accelerometer scatters "
+        f"{quiet.accel / MILLI_G:.0f} mg, gyroscope {quiet.gyro / DEG:.1f} deg/s): "
+        "stand the jig on a firm table and fix the sensor and its cable."
+    )
+
+
+def wrong_turn(way: ImuBlock, bias: FloatArray, before: Pose, after: Pose) -> str | None:
+    """Say what is wrong if the gyroscope saw another turn than the commanded one.
+
+    The angle of a rotation does not depend on how the sensor is mounted, so this needs no
+    calibration. It tells a servo that did not turn, whatever its controller reports.
+
+    Parameters
+    ----------
+    way : ImuBlock
+        Samples from the end of one still interval to the beginning of the next.
+    bias : shape (3,)
+        Gyroscope bias in the first of them [rad/s].
+    before, after : Pose
+        Commanded poses at both ends.
+    """
+    small = rotation.from_rotation_vector((way.gyro[1:] - bias) * np.diff(way.t)[:, None])
+    turned = rotation.to_rotation_vector(rotation.compose(small))
+    seen = float(np.linalg.norm(turned)) / DEG
+    relative = attitude(before).T @ attitude(after)
+    cosine = np.clip((np.trace(relative) - 1.0) / 2.0, -1.0, 1.0)
+    commanded = float(np.arccos(cosine)) / DEG
+    if abs(seen - commanded) <= max(TURN_TOLERANCE_DEG, TURN_TOLERANCE * commanded):
+        return None
+    return (
+        f"The gyroscope saw a turn of {seen:.0f} deg on the way to {after} where "
+        f"{commanded:.0f} deg were commanded: a servo is stuck, slips or has no power, or the jig "
+        "file's pulses belong to another jig."
+    )
+
+
+def silence(imu: ImuDevice) -> str:
+    """Say what to do about a sensor from which no packets come."""
+    problem = imu.identify_problem()
+    if problem is not None:
+        return problem
+    return (
+        f"{imu.name} on {imu.url} sends nothing: check its power, its cable or Bluetooth link, "
+        "and that this is its port."
+    )
+
+
+def angles(reported: Mapping[str, float]) -> str:
+    """Write axis angles [deg] for a sentence."""
+    return ", ".join(f"{axis} {angle:+.1f} deg" for axis, angle in reported.items())

@@ -1,0 +1,162 @@
+"""A whole session: open the devices and the trial file, run the engine, close everything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from firmware_protocols.layout import PacketLayout
+from imu_rig.clock import Clock
+from imu_rig.devices.imu import ImuDevice
+from imu_rig.devices.jig import Jig, JigConfig
+from imu_rig.devices.maestro import MaestroClient
+from imu_rig.errors import ImuRigError, InputError, SessionInterrupted
+from imu_rig.recording.reader import open_trial
+from imu_rig.recording.writer import TrialWriter
+from imu_rig.session.engine import SessionEngine
+from imu_rig.session.history import IMU_SOURCE, MAESTRO_SOURCE, read_session, session_config
+from imu_rig.session.plan import SessionPlan, plan_session
+from imu_rig.session.progress import Progress, SessionOutcome, StopRequest
+from imu_rig.session.protocol import JigProtocol
+
+
+@dataclass(frozen=True)
+class SessionSetup:
+    """Everything a session needs to know before it touches hardware.
+
+    ``maestro_device`` is the controller's Pololu device number where several share a line,
+    ``crc`` whether it expects a check byte behind every command.
+    """
+
+    imu_url: str
+    maestro_url: str
+    layout: PacketLayout
+    jig: JigConfig
+    protocol: JigProtocol
+    device: str = "imu"
+    serial: str = ""
+    note: str = ""
+    baud: int = 115200
+    maestro_device: int | None = None
+    crc: bool = False
+
+    def plan(self) -> SessionPlan:
+        """Dry-run the protocol on the jig."""
+        return plan_session(self.protocol, self.jig)
+
+
+def resumed_setup(path: Path, setup: SessionSetup) -> SessionSetup:
+    """Return the setup with which the stopped session in ``path`` goes on.
+
+    Protocol, jig and packet layout are those it began with, because its finished poses were
+    measured by them; only the ports are taken from ``setup``.
+
+    Raises
+    ------
+    InputError
+        If the file holds no session or a finished one.
+    """
+    record = read_session(open_trial(path))
+    if record.next_step == len(record.protocol.steps):
+        raise InputError(
+            f"The session in {path} is complete; solve it with: imu-rig solve {path}"
+        )
+    return SessionSetup(
+        imu_url=setup.imu_url,
+        maestro_url=setup.maestro_url,
+        layout=record.layout,
+        jig=record.jig,
+        protocol=record.protocol,
+        device=record.device,
+        serial=record.serial,
+        note=setup.note,
+        baud=setup.baud,
+        maestro_device=setup.maestro_device,
+        crc=setup.crc,
+    )
+
+
+def run_session(
+    setup: SessionSetup,
+    path: Path,
+    clock: Clock,
+    *,
+    resume: bool = False,
+    stop: StopRequest | None = None,
+    observe: Callable[[Progress], None] = lambda progress: None,
+    notify: Callable[[str], None] = lambda sentence: None,
+) -> SessionOutcome:
+    """Run a session into the trial file ``path`` (new, or a stopped one with ``resume``).
+
+    Raises
+    ------
+    ImuRigError
+        Whatever ended the session; the trial file is closed and keeps what was measured, and the
+        jig is parked where its controller answers.
+    """
+    plan = setup.plan()
+    first_step = read_session(open_trial(path)).next_step if resume else 0
+    with ExitStack() as stack:
+        if resume:
+            trial = TrialWriter.append(path, clock=clock)
+        else:
+            trial = TrialWriter.create(
+                path,
+                session_config(setup.protocol, setup.jig, setup.device, setup.serial, setup.note),
+                clock=clock,
+            )
+        reason = "failed"
+        stack.callback(lambda: trial.close(reason))
+        try:
+            imu_source = trial.add_source(
+                IMU_SOURCE, "imu", {"layout": setup.layout.to_dict(), "url": setup.imu_url}
+            )
+            maestro_source = trial.add_source(MAESTRO_SOURCE, "servo", {"url": setup.maestro_url})
+            # the controller first: its errors concern safety
+            maestro = MaestroClient(
+                setup.maestro_url,
+                clock,
+                device=setup.maestro_device,
+                crc=setup.crc,
+                tap=lambda t_ns, direction, data: (
+                    trial.bytes_out(maestro_source, t_ns, data)
+                    if direction == "out"
+                    else trial.bytes_in(maestro_source, t_ns, data)
+                ),
+            )
+            maestro.open()
+            stack.callback(maestro.close)
+            jig = Jig(setup.jig, maestro, clock)
+            imu = ImuDevice(
+                setup.device,
+                setup.imu_url,
+                setup.layout,
+                clock,
+                tap=lambda t_ns, data: trial.bytes_in(imu_source, t_ns, data),
+                baud=setup.baud,
+            )
+            imu.start()
+            stack.callback(imu.stop)
+            jig.start()
+            engine = SessionEngine(
+                plan,
+                jig,
+                imu,
+                trial,
+                clock,
+                observe=observe,
+                notify=notify,
+                stop=stop,
+                first_step=first_step,
+            )
+            outcome = engine.run()
+            reason = "complete"
+        except SessionInterrupted:
+            reason = "interrupted"
+            raise
+        except ImuRigError as error:
+            reason = f"stopped: {error}"
+            raise
+    return outcome
