@@ -1,0 +1,164 @@
+"""`imu-rig calibrate`: a jig session on real or simulated hardware, to certificate and report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imu_rig.cli.options import (
+    DEFAULT_METHOD,
+    Gravity_,
+    Height,
+    Json,
+    Latitude,
+    Method,
+    Output,
+    Quiet,
+    gravity_from,
+)
+from imu_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from imu_rig.session.run import SessionSetup
+
+
+def calibrate(
+    imu: Annotated[str | None, typer.Option(help="Port of the IMU.")] = None,
+    maestro: Annotated[str | None, typer.Option(help="Command port of the Maestro.")] = None,
+    jig: Annotated[str, typer.Option(help="Jig: a built-in name or a TOML file.")] = "paper-jig",
+    protocol: Annotated[
+        str, typer.Option(help="Protocol: full, quick, six-faces-and-turns or a TOML file.")
+    ] = "full",
+    layout: Annotated[
+        str, typer.Option(help="Packet layout of the IMU: a built-in name or a TOML file.")
+    ] = "mpu9150-28",
+    name: Annotated[str, typer.Option(help="Name of the sensor, for the certificate.")] = "imu",
+    serial: Annotated[str, typer.Option(help="Serial number, for the certificate.")] = "",
+    baud: Annotated[int, typer.Option(help="Baud rate of the IMU's port.")] = 115200,
+    maestro_device: Annotated[
+        int | None, typer.Option(help="Pololu device number, where controllers share a line.")
+    ] = None,
+    maestro_crc: Annotated[
+        bool, typer.Option("--maestro-crc", help="The Maestro expects a CRC byte.")
+    ] = False,
+    method: Method = DEFAULT_METHOD,
+    gravity: Gravity_ = None,
+    latitude: Latitude = None,
+    height: Height = None,
+    output: Output = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="Trial file of a stopped session to go on with.")
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Check protocol and jig, print the plan, move nothing."),
+    ] = False,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Simulated hardware in place of --imu and --maestro.")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="How much faster than life, with --simulate.")] = 1.0,
+    seed: Annotated[int, typer.Option(help="Which simulated hardware.")] = 1,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --simulate: DEVICE:WORD@POSE[:move|hold[:SECONDS]], "
+            "for example imu:unplug@5:move:2."
+        ),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Step an IMU on a servo jig through poses and turns; write certificate and report."""
+    from contextlib import ExitStack
+
+    from firmware_protocols.layout import LayoutError, load_layout
+    from imu_rig.cli import sessions
+    from imu_rig.clock import Clock, SystemClock
+    from imu_rig.devices.jig import load_jig
+    from imu_rig.session.protocol import load_protocol
+    from imu_rig.session.run import SessionSetup, resumed_setup
+
+    local_gravity = gravity_from(gravity, latitude, height)
+    if not simulate and fault:
+        raise InputError("--fault needs --simulate: real hardware brings its own.")
+    if not simulate and not dry_run and (imu is None or maestro is None):
+        raise InputError(
+            "Give the ports with --imu PORT and --maestro PORT, or --simulate to run without "
+            "hardware."
+        )
+    try:
+        packet_layout = load_layout(layout)
+    except LayoutError as error:
+        raise InputError(str(error)) from error
+    setup = SessionSetup(
+        imu_url=imu or "",
+        maestro_url=maestro or "",
+        layout=packet_layout,
+        jig=load_jig(jig),
+        protocol=load_protocol(protocol),
+        device=name,
+        serial=serial,
+        baud=baud,
+        maestro_device=maestro_device,
+        crc=maestro_crc,
+    )
+    if resume is not None:
+        setup = resumed_setup(resume, setup)
+    plan = setup.plan()
+    if dry_run:
+        _print_plan(setup, as_json=as_json)
+        return
+    with ExitStack() as stack:
+        clock: Clock = SystemClock()
+        watch = None
+        truth = None
+        if simulate:
+            from imu_rig.cli.simulated import FaultPlan, simulated_session
+
+            clock, setup, rig, truth = stack.enter_context(
+                simulated_session(setup, seed=seed, speed=speed)
+            )
+            watch = FaultPlan(fault or [], rig, steps=len(plan.steps))
+        folder = resume.parent if resume is not None else sessions.new_folder(output)
+        trial = resume or folder / sessions.TRIAL_NAME
+        sessions.run_in_view(
+            setup,
+            trial,
+            clock,
+            resume=resume is not None,
+            quiet=quiet,
+            watch=watch or (lambda progress: None),
+        )
+    sessions.finish(
+        trial, folder, method=method, gravity=local_gravity, as_json=as_json, truth=truth
+    )
+
+
+def _print_plan(setup: SessionSetup, *, as_json: bool) -> None:
+    import json
+    import sys
+
+    plan = setup.plan()
+    if as_json:
+        steps = [
+            {
+                "name": step.name,
+                "kind": step.kind,
+                "pose_deg": step.pose.angles(),
+                "hold_s": step.hold_s,
+                "duration_s": round(step.duration_s, 2),
+            }
+            for step in plan.steps
+        ]
+        sys.stdout.write(json.dumps({"duration_s": plan.duration_s, "steps": steps}) + "\n")
+        return
+    for step in plan.steps:
+        late = [axis for axis, sign in step.approach.items() if sign < 0]
+        note = f"   {', '.join(late)} from above: no room to overshoot" if late else ""
+        sys.stdout.write(f"{step.index + 1:4}  {step.name:40}{step.duration_s:6.1f} s{note}\n")
+    sys.stdout.write(
+        f"{len(plan.steps)} stops on jig '{setup.jig.name}' take about {plan.duration_s:.0f} s, "
+        "all inside its limits.\n"
+    )

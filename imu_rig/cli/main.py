@@ -1,0 +1,63 @@
+"""The `imu-rig` program: its commands and its one way to report an error.
+
+Commands import what they need when they run, so that `imu-rig --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from imu_rig import __version__
+from imu_rig.cli import calibrate, demo, export, info, simulate, solve
+from imu_rig.errors import ImuRigError
+
+app = typer.Typer(
+    name="imu-rig",
+    help="Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("demo")(demo.demo)
+app.command("calibrate")(calibrate.calibrate)
+app.command("solve")(solve.solve)
+app.command("info")(info.info)
+app.command("export")(export.export)
+app.add_typer(simulate.app, name="simulate")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"imu-rig {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Say which.")
+    ] = False,
+) -> None:
+    """Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose."""
+
+
+def run() -> None:
+    """Run the program; every foreseen error is one sentence on stderr and an exit code."""
+    try:
+        app()
+    except ImuRigError as error:
+        if "--json" in sys.argv:
+            sys.stdout.write(json.dumps({"error": str(error), "exit_code": error.exit_code}) + "\n")
+        sys.stderr.write(f"imu-rig: {error}\n")
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.stderr.write("imu-rig: interrupted\n")
+        sys.exit(130)
+    except BrokenPipeError:  # the reader of our output went away, as with `| head`
+        sys.stderr.close()
+        sys.exit(0)

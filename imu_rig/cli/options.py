@@ -1,0 +1,61 @@
+"""Options that several commands share, described once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.gravity import Gravity
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object to stdout; talk stays on stderr.")
+]
+Gravity_ = Annotated[
+    float | None,
+    typer.Option("--gravity", help="Local gravity [m/s^2], where it is known."),
+]
+Latitude = Annotated[
+    float | None,
+    typer.Option("--latitude", help="Latitude [deg], to compute local gravity from."),
+]
+Height = Annotated[
+    float | None, typer.Option("--height", help="Height above sea level [m], with --latitude.")
+]
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help="multi-position (trusts gravity alone), paper or paper-diagonal (trust the jig).",
+    ),
+]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for certificate and report.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
+
+DEFAULT_METHOD = "multi-position"
+
+
+def gravity_from(gravity: float | None, latitude: float | None, height: float | None) -> Gravity:
+    """Gravity as the options say it; standard gravity, and said so, where they say nothing.
+
+    Raises
+    ------
+    InputError
+        If the options contradict each other or name no place on Earth.
+    """
+    from imu_rig.calibration.gravity import Gravity
+    from imu_rig.errors import InputError
+
+    if gravity is not None and latitude is not None:
+        raise InputError("Give either --gravity or --latitude, not both.")
+    if height is not None and latitude is None:
+        raise InputError("--height needs --latitude beside it.")
+    if gravity is not None:
+        return Gravity.given(gravity)
+    if latitude is not None:
+        return Gravity.at(latitude, height or 0.0)
+    return Gravity()

@@ -1,0 +1,147 @@
+"""What `demo` and `calibrate` share: run a session, solve it, write certificate and report."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imu_rig.cli.live import SessionView, stop_on_signals
+from imu_rig.cli.summary import json_text, result_lines
+from imu_rig.errors import InputError, SessionStopped
+from imu_rig.session.progress import Progress, StopRequest
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.gravity import Gravity
+    from imu_rig.calibration.model import Affine
+    from imu_rig.clock import Clock
+    from imu_rig.session.run import SessionSetup
+
+TRIAL_NAME = "session.imu-trial"
+CERTIFICATE_NAME = "certificate.json"
+REPORT_NAME = "report.html"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What simulated hardware really is, as calibrations that would be exact."""
+
+    accel: Affine
+    gyro: Affine
+
+
+def new_folder(output: Path | None) -> Path:
+    """Make the folder of a session; one named by date and time where none was asked for.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a session already, or cannot be made.
+    """
+    folder = output or Path(f"imu-rig-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}")
+    for name in (TRIAL_NAME, CERTIFICATE_NAME, REPORT_NAME):
+        if (folder / name).exists():
+            raise InputError(
+                f"{folder / name} exists already and is never overwritten: name another --output."
+            )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
+    return folder
+
+
+def run_in_view(
+    setup: SessionSetup,
+    trial: Path,
+    clock: Clock,
+    *,
+    resume: bool,
+    quiet: bool,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> None:
+    """Run a session with its live view; signals park the jig and close the file.
+
+    Raises
+    ------
+    SessionStopped
+        With the words to resume by, if anything of the session can be kept.
+    """
+    from imu_rig.session.run import run_session
+
+    stop = StopRequest()
+    view = SessionView(quiet=quiet)
+
+    def observe(progress: Progress) -> None:
+        watch(progress)
+        view.observe(progress)
+
+    try:
+        with stop_on_signals(stop), view:
+            run_session(
+                setup,
+                trial,
+                clock,
+                resume=resume,
+                stop=stop,
+                observe=observe,
+                notify=view.notify,
+            )
+    except SessionStopped as error:
+        raise type(error)(
+            f"{error} Everything measured is kept in {trial}; when the cause is mended, go on "
+            f"with: imu-rig calibrate --resume {trial} and the ports as before."
+        ) from error
+
+
+def finish(
+    trial: Path,
+    folder: Path,
+    *,
+    method: str,
+    gravity: Gravity,
+    as_json: bool,
+    truth: Truth | None = None,
+) -> None:
+    """Solve a finished session, write its certificate and report, and print the figures."""
+    from imu_rig.calibration.certificate import certificate_of
+    from imu_rig.calibration.model import physical_figures
+    from imu_rig.recording.reader import open_trial
+    from imu_rig.report.calibration import Truth as ReportTruth
+    from imu_rig.report.calibration import calibration_report, write_report
+    from imu_rig.cli.session_summary import session_summary
+    from imu_rig.session.solve import solve_session
+
+    opened = open_trial(trial)
+    result = solve_session(opened, method=method, gravity=gravity)
+    certificate = certificate_of(result, recording=(trial.name, opened.sha256))
+    certificate_path, report_path = folder / CERTIFICATE_NAME, folder / REPORT_NAME
+    certificate.save(certificate_path)
+    html = calibration_report(
+        result,
+        certificate=certificate,
+        session=session_summary(opened),
+        truth=None if truth is None else ReportTruth(truth.accel, truth.gyro),
+    )
+    write_report(report_path, html)
+    files = {
+        "trial": str(trial),
+        "certificate": str(certificate_path),
+        "report": str(report_path),
+    }
+    true_figures = (
+        None
+        if truth is None
+        else (physical_figures(truth.accel), physical_figures(truth.gyro, truth.accel))
+    )
+    if as_json:
+        sys.stdout.write(json_text(certificate, files) + "\n")
+        return
+    for line in result_lines(result, true_figures):
+        sys.stdout.write(line + "\n")
+    for warning in result.warnings:
+        sys.stdout.write(f"  ! {warning}\n")
+    sys.stdout.write("\n" + "\n".join(f"  {k:12}{v}" for k, v in files.items()) + "\n")

@@ -1,0 +1,83 @@
+"""Simulated hardware for a session in the same process: ports, clock, truth and planned faults."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imu_rig.cli.sessions import Truth
+from imu_rig.clock import Clock, ScaledClock, SystemClock
+from imu_rig.errors import InputError
+from imu_rig.session.progress import Progress
+
+if TYPE_CHECKING:
+    from imu_rig.session.run import SessionSetup
+    from simulators.rig import SimulatedRig
+
+MAX_SPEED = 20.0
+FAULT = re.compile(
+    r"(?P<device>\w+):(?P<word>\w+)@(?P<pose>\d+)(:(?P<when>move|hold)(:(?P<s>[\d.]+))?)?"
+)
+
+
+@contextmanager
+def simulated_session(
+    setup: SessionSetup, *, seed: int, speed: float
+) -> Iterator[tuple[Clock, SessionSetup, SimulatedRig, Truth]]:
+    """Serve a simulated rig and point a session at it.
+
+    Raises
+    ------
+    InputError
+        If the speed is not one that this machine's scheduler can hold.
+    """
+    import numpy as np
+
+    from imu_rig.calibration.model import Affine
+    from simulators.rig import RigConfig, SimulatedRig
+
+    if not 0 < speed <= MAX_SPEED:
+        raise InputError(f"--speed must be above 0 and at most {MAX_SPEED:g}, not {speed:g}.")
+    clock: Clock = SystemClock() if speed == 1 else ScaledClock(speed)
+    exact = np.zeros((12, 12))
+    with SimulatedRig(RigConfig.random(seed), clock=clock) as rig:
+        truth = Truth(
+            accel=Affine(rig.truth.accel.K, rig.truth.accel.b, exact),
+            gyro=Affine(rig.truth.gyro.K, rig.truth.gyro.b, exact),
+        )
+        simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
+        yield clock, simulated, rig, truth
+
+
+class FaultPlan:
+    """Injects faults when a session reaches the stop they were planned for."""
+
+    def __init__(self, specifications: Sequence[str], rig: SimulatedRig, *, steps: int) -> None:
+        self._rig = rig
+        self._waiting: list[tuple[int, str, str, str, float | None]] = []
+        for text in specifications:
+            match = FAULT.fullmatch(text)
+            if match is None or not 1 <= int(match["pose"]) <= steps:
+                raise InputError(
+                    f"--fault {text}: write DEVICE:WORD@POSE[:move|hold[:SECONDS]] with a pose "
+                    f"from 1 to {steps}, for example imu:unplug@5:move:2."
+                )
+            seconds = float(match["s"]) if match["s"] else None
+            when = {"move": "moving", "hold": "holding"}[match["when"] or "move"]
+            self._waiting.append(
+                (int(match["pose"]), when, match["device"], match["word"], seconds)
+            )
+
+    def __call__(self, progress: Progress) -> None:
+        """Look whether the moment of a fault has come."""
+        for planned in list(self._waiting):
+            pose, when, device, word, seconds = planned
+            if progress.step == pose and progress.state == when:
+                self._waiting.remove(planned)
+                try:
+                    self._rig.fault(device, word, duration_s=seconds)
+                except ValueError as error:
+                    raise InputError(f"--fault {device}:{word}: {error}") from error
