@@ -1,0 +1,148 @@
+"""Bytes in any chunking to arrays of packets, with statistics of what went wrong on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_protocols.counting import SequenceCounter
+from firmware_protocols.framing import find_many, find_short, rows_at
+from firmware_protocols.layout import PacketLayout
+from firmware_protocols.packets import counts
+
+PIECE_BYTES = 1 << 18
+"""Longer input is worked through in pieces of this size: temporary memory stays bounded."""
+
+SHORT_BYTES = 2048
+"""Up to here plain Python is quicker than arrays."""
+
+
+@dataclass(frozen=True)
+class Packets:
+    """Packets in the order of the stream.
+
+    Attributes
+    ----------
+    rows : shape (n,), structured
+        Of the layout's dtype; see :mod:`firmware_protocols.packets` for counts and values.
+    end : shape (n,), int64
+        Bytes of the stream up to and including each packet.
+    """
+
+    rows: npt.NDArray[np.void]
+    end: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Return the number of packets."""
+        return len(self.rows)
+
+
+@dataclass(frozen=True)
+class DecodeStats:
+    """What a stream has held so far; sums with ``+``.
+
+    Attributes
+    ----------
+    good : int
+        Packets decoded.
+    corrupt : int
+        Headers that turned out not to begin a good packet.
+    skipped_bytes : int
+        Bytes that belong to no packet.
+    lost, duplicates, reordered : int
+        By the layout's counter, see :mod:`firmware_protocols.counting`; 0 without one.
+    """
+
+    good: int = 0
+    corrupt: int = 0
+    skipped_bytes: int = 0
+    lost: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+
+    def __add__(self, other: DecodeStats) -> DecodeStats:
+        return DecodeStats(
+            *(getattr(self, f.name) + getattr(other, f.name) for f in fields(DecodeStats))
+        )
+
+
+class StreamDecoder:
+    """Decoder of one byte stream; how the stream is cut into chunks never matters.
+
+    The rule by which packets are found is in :mod:`firmware_protocols.framing`.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    """
+
+    def __init__(self, layout: PacketLayout) -> None:
+        self.layout = layout
+        self._tail = b""
+        self._tail_offset = 0  # where the tail begins in the stream
+        self._packet_end = -1  # where the last packet ended in the stream
+        self._good = 0
+        self._corrupt = 0
+        self._skipped = 0
+        self._sequence: SequenceCounter | None = None
+        if layout.counter is not None:
+            self._sequence = SequenceCounter(1 << layout.field(layout.counter).bits)
+
+    @property
+    def pending(self) -> int:
+        """Bytes received but not decided yet: fewer than a packet and a header."""
+        return len(self._tail)
+
+    @property
+    def stats(self) -> DecodeStats:
+        """Statistics of everything decided so far."""
+        lost = duplicates = reordered = 0
+        if self._sequence is not None:
+            lost = self._sequence.lost
+            duplicates = self._sequence.duplicates
+            reordered = self._sequence.reordered
+        return DecodeStats(self._good, self._corrupt, self._skipped, lost, duplicates, reordered)
+
+    def feed(self, data: bytes | bytearray | memoryview) -> Packets:
+        """Return the packets that these next bytes of the stream complete."""
+        view = memoryview(data).cast("B")
+        parts = [
+            self._feed_piece(view[start : start + PIECE_BYTES])
+            for start in range(0, len(view), PIECE_BYTES)
+        ]
+        if len(parts) == 1:
+            rows, end = parts[0]
+        elif parts:
+            rows = np.concatenate([p[0] for p in parts])
+            end = np.concatenate([p[1] for p in parts])
+        else:
+            rows, end = np.empty((0, self.layout.length), np.uint8), np.empty(0, np.int64)
+        return Packets(rows.view(self.layout.dtype).reshape(-1), end)
+
+    def _feed_piece(self, piece: memoryview) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int64]]:
+        joined = b"".join((self._tail, piece))
+        data = np.frombuffer(joined, dtype=np.uint8)
+        in_sync = self._packet_end == self._tail_offset
+        if len(joined) <= SHORT_BYTES:
+            found = find_short(self.layout, joined, in_sync=in_sync)
+        else:
+            found = find_many(self.layout, data, in_sync=in_sync)
+        rows = rows_at(data, found.starts, self.layout.length)
+        end = found.starts + (self._tail_offset + self.layout.length)
+        self._good += len(rows)
+        self._corrupt += found.corrupt
+        self._skipped += found.decided - len(rows) * self.layout.length
+        self._tail = joined[found.decided :]
+        self._tail_offset += found.decided
+        if len(end):
+            self._packet_end = int(end[-1])
+            self._count(rows)
+        return rows, end
+
+    def _count(self, rows: npt.NDArray[Any]) -> None:
+        if self._sequence is not None and self.layout.counter is not None:
+            structured = rows.view(self.layout.dtype)[:, 0]
+            self._sequence.add(counts(self.layout, structured, self.layout.counter), rows)

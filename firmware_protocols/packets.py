@@ -1,0 +1,177 @@
+"""Between rows of packets, integer counts and values in the layout's units; and rows to bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_protocols.checksums import checksum_rows
+from firmware_protocols.layout import Field, LayoutError, PacketLayout
+
+FloatArray = npt.NDArray[np.float64]
+AnyArray = npt.NDArray[Any]
+Rows = npt.NDArray[np.void]
+
+
+def counts(layout: PacketLayout, rows: Rows, name: str) -> AnyArray:
+    """Return one field as the device counted it, on the device's own axes.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    rows : shape (n,), structured
+        Packets, of ``layout.dtype``.
+    name : str
+        Field name.
+
+    Returns
+    -------
+    shape (n,) or (n, count), int64; float64 for f32 and f64; uint8 for pads
+    """
+    field = layout.field(name)
+    raw = rows[name]
+    if field.type == "pad":
+        return raw
+    if not field.is_integer:
+        return raw.astype(np.float64)
+    if field.bits == 24:
+        return _from_24_bits(raw, layout.order(field), signed=field.type[0] == "i")
+    return raw.astype(np.int64)
+
+
+def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
+    """Return one field in its unit, on the axes that the layout maps it to.
+
+    Returns
+    -------
+    shape (n,) or (n, count), float64
+        ``(counts - zero) / counts_per_unit``, then turned by ``axes``.
+    """
+    field = layout.field(name)
+    scaled = np.asarray(counts(layout, rows, name), dtype=np.float64)
+    scaled = (scaled - field.zero) / field.counts_per_unit
+    if field.axes is None:
+        return scaled
+    columns, signs = _axes(field.axes)
+    return scaled[:, columns] * signs
+
+
+def quantize(layout: PacketLayout, name: str, of_values: npt.ArrayLike) -> AnyArray:
+    """Return the counts that a device sends for values: the inverse of :func:`values`.
+
+    Rounds to the nearest count and stays at the end of the type's range beyond it, as a
+    saturated sensor does. Floating-point fields are not rounded.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    name : str
+        Field name.
+    of_values : shape (n,) or (n, count)
+        Values in the field's unit on the layout's axes; must be finite.
+    """
+    field = layout.field(name)
+    raw = np.asarray(of_values, dtype=np.float64)
+    if field.axes is not None:
+        columns, signs = _axes(field.axes)
+        turned = np.empty_like(raw)
+        turned[..., columns] = raw * signs
+        raw = turned
+    raw = raw * field.counts_per_unit + field.zero
+    if not field.is_integer:
+        return raw
+    lo, hi = field.limits
+    return np.clip(np.rint(raw), lo, hi).astype(np.int64)
+
+
+def encode(layout: PacketLayout, rows: Rows | Mapping[str, npt.ArrayLike]) -> bytes:
+    """Return packets as bytes, with header and checksum filled in.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    rows : structured array of ``layout.dtype``, or mapping of field name to counts
+        Of a mapping every field but pads must be there, with shape (n,) or (n, count), or without
+        the n for all packets alike.
+
+    Raises
+    ------
+    ValueError
+        For a field that is missing, unknown, of the wrong shape or out of its type's range.
+    """
+    if isinstance(rows, Mapping):
+        packed = _pack(layout, rows)
+    else:
+        if rows.dtype != layout.dtype:
+            raise ValueError(f"layout {layout.name}: the rows are of another layout.")
+        packed = np.array(rows, ndmin=1)
+    packed["header"] = np.frombuffer(layout.header, dtype=np.uint8)
+    if layout.checksum is not None:
+        table = packed.view(np.uint8).reshape(len(packed), layout.length)
+        covered = table[:, layout.checksum.start : layout.length - layout.checksum.size]
+        packed["checksum"] = checksum_rows(layout.checksum.kind, covered)
+    return packed.tobytes()
+
+
+def _pack(layout: PacketLayout, columns: Mapping[str, npt.ArrayLike]) -> Rows:
+    for name in columns:
+        layout.field(name)
+    arrays: dict[str, AnyArray] = {}
+    number = 1
+    for field in layout.fields:
+        if field.name not in columns:
+            if field.type == "pad":
+                continue
+            raise LayoutError(f"layout {layout.name}: the field {field.name!r} is not given.")
+        array = np.asarray(columns[field.name])
+        arrays[field.name] = array
+        if array.ndim == (2 if _is_vector(field) else 1):
+            number = len(array) if number == 1 else number
+    rows = np.zeros(number, dtype=layout.dtype)
+    for name, array in arrays.items():
+        _store(layout, layout.field(name), array, rows)
+    return rows
+
+
+def _store(layout: PacketLayout, field: Field, array: AnyArray, rows: Rows) -> None:
+    where = f"layout {layout.name}: field {field.name!r}"
+    shape = (len(rows), field.count) if _is_vector(field) else (len(rows),)
+    try:
+        array = np.broadcast_to(array, shape)
+    except ValueError:
+        raise LayoutError(f"{where} has shape {array.shape}, not {shape}.") from None
+    if field.is_integer or field.type == "pad":
+        lo, hi = field.limits if field.is_integer else (0, 255)
+        if array.dtype.kind not in "iub":
+            raise LayoutError(f"{where} takes whole numbers (counts), not {array.dtype}.")
+        if array.size and not (lo <= int(array.min()) and int(array.max()) <= hi):
+            raise LayoutError(f"{where} takes counts of {lo} to {hi}.")
+    if field.bits == 24:
+        rows[field.name] = _to_24_bits(array.astype(np.int64), layout.order(field))
+    else:
+        rows[field.name] = array
+
+
+def _is_vector(field: Field) -> bool:
+    return field.count > 1 or field.type == "pad"
+
+
+def _axes(axes: tuple[str, ...]) -> tuple[list[int], FloatArray]:
+    columns = ["xyz".index(a[1]) for a in axes]
+    return columns, np.array([-1.0 if a[0] == "-" else 1.0 for a in axes])
+
+
+def _from_24_bits(raw: AnyArray, byte_order: str, *, signed: bool) -> AnyArray:
+    wide = raw.astype(np.int64)
+    if byte_order == "little":
+        wide = wide[..., ::-1]
+    number = wide[..., 0] << 16 | wide[..., 1] << 8 | wide[..., 2]
+    return number - ((number & 0x800000) << 1) if signed else number
+
+
+def _to_24_bits(number: AnyArray, byte_order: str) -> AnyArray:
+    split = np.stack([number >> 16, number >> 8, number], axis=-1) & 0xFF
+    return split[..., ::-1] if byte_order == "little" else split
