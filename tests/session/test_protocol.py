@@ -1,0 +1,88 @@
+"""Protocol files: what they say, what they may not say, and how a mistake is named."""
+
+from pathlib import Path
+
+import pytest
+
+from imu_rig.errors import InputError
+from imu_rig.session.protocol import JigProtocol, Pose, builtin_protocols, load_protocol
+
+
+@pytest.mark.parametrize("name", builtin_protocols())
+def test_every_builtin_protocol_loads_under_its_own_name(name: str) -> None:
+    assert load_protocol(name).name == name
+
+
+def test_the_default_is_the_studied_list_of_24_poses() -> None:
+    protocol = load_protocol("full")
+    assert len(protocol.steps) == 24
+    assert protocol.hold_s == 2.0
+    pose, poses = {"pan": 0.0, "tilt": 0.0, "roll": 0.0}, []
+    for step in protocol.steps:
+        pose |= {a: getattr(step, a) for a in pose if getattr(step, a) is not None}
+        poses.append(dict(pose))
+    rings = [(p["pan"], p["roll"]) for p in poses[::3]]
+    assert rings == [
+        (0, -180),
+        (90, -135),
+        (0, -90),
+        (90, -45),
+        (0, 0),
+        (90, 45),
+        (0, 90),
+        (90, 135),
+    ]
+    assert all(p["tilt"] == 0 for p in poses[::3])
+    assert [p["tilt"] for p in poses[1:3]] == [60, -60]
+    assert [p["tilt"] for p in poses[7:9]] == [90, -90]
+
+
+def test_a_rotation_is_held_shorter_than_a_pose() -> None:
+    protocol = load_protocol("six-faces-and-turns")
+    holds = {step.kind: protocol.hold_of(step) for step in protocol.steps}
+    assert holds["rotation"] < holds["pose"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name = ", "not valid TOML"),
+        ('name = "x"', "steps"),
+        ('name = "x"\nsteps = []', "steps"),
+        ('name = "x"\nsteps = [{ pan = "left" }]', "steps.0.pan"),
+        ('name = "x"\nsteps = [{ pan = nan }]', "steps.0.pan"),
+        ('name = "x"\nsteps = [{ pan = 9999 }]', "steps.0.pan"),
+        ('name = "x"\nsteps = [{ yaw = 3 }]', "steps.0.yaw"),
+        ('name = "x"\nhold_s = -1\nsteps = [{ pan = 0 }]', "hold_s"),
+        ('name = "x"\norder = [["pan"]]\nsteps = [{ pan = 0 }]', "order"),
+    ],
+)
+def test_a_mistake_is_named_with_file_and_field(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_protocol(path)
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(InputError, match="full"):
+        load_protocol("nonesuch")
+
+
+def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "huge.toml"
+    path.write_bytes(b"#" * 1_000_000)
+    with pytest.raises(InputError, match="too large"):
+        load_protocol(path)
+
+
+def test_a_protocol_survives_its_own_json() -> None:
+    protocol = load_protocol("full")
+    assert JigProtocol.model_validate(protocol.model_dump(mode="json")) == protocol
+
+
+def test_a_pose_is_written_for_people() -> None:
+    assert str(Pose(pan=90, tilt=-45, roll=0)) == "pan +90° tilt -45° roll +0°"
