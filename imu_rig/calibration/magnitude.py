@@ -1,0 +1,217 @@
+"""Accelerometer from the magnitude of gravity alone: no direction needs to be known.
+
+In every still pose ``|T u - o| = g`` with T upper triangular, nine unknowns. It holds for a sensor
+that is linear over +-1 g; the fit is the best line over that range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.calibration.model import PARAMETERS, Affine
+from imu_rig.errors import DataError
+from imu_rig.units import MILLI_G
+
+UNKNOWNS = 9
+UPPER = np.triu_indices(3)
+NAMES = ("scale x", "lean xy", "lean xz", "scale y", "lean yz", "scale z")
+"""The six elements of T in the order of `UPPER`; bias x, y and z follow."""
+FLICKER = 0.05 * MILLI_G
+"""Wander of an accelerometer's bias that no averaging in one pose removes [m/s^2]."""
+SCALE_DOF = 4.0
+"""Weight of the still's own scatter when the poses judge the size of the errors."""
+OUTLIER = 6.0
+"""Left-out error, in its own predicted sigmas, that sets a pose aside."""
+FEWEST_TO_JUDGE = 16
+"""Poses below which none can be told to be an outlier."""
+
+
+@dataclass(frozen=True, eq=False)
+class MagnitudeFit:
+    """An accelerometer fitted to the magnitude of gravity over ``m`` poses.
+
+    Attributes
+    ----------
+    affine : Affine
+        K upper triangular.
+    error : shape (m,)
+        ``|K u - b| - g`` [m/s^2].
+    sigma : shape (m,)
+        Standard uncertainty of each mean along gravity, scaled by ``noise_scale`` [m/s^2].
+    left_out, left_out_sigma : shape (m,)
+        Error when the fit never saw the pose, and its predicted sigma [m/s^2]; NaN where the
+        other poses are fewer than nine or do not determine the fit.
+    noise_scale : float
+        Size of the residuals against the scatter within the stills, at least 1.
+    used : shape (m,)
+        Poses that the fit rests on; the others were set aside as outliers.
+    """
+
+    affine: Affine
+    error: FloatArray
+    sigma: FloatArray
+    left_out: FloatArray
+    left_out_sigma: FloatArray
+    noise_scale: float
+    used: BoolArray
+
+
+def fit_magnitude(means: FloatArray, sems: FloatArray, gravity: float) -> MagnitudeFit:
+    """Fit scale, non-orthogonality and bias to still means.
+
+    Parameters
+    ----------
+    means : shape (m, 3)
+        Mean raw specific force of each pose [m/s^2], m at least 9.
+    sems : shape (m, 3)
+        Their standard errors [m/s^2].
+    gravity : float
+        Magnitude of gravity [m/s^2].
+
+    Raises
+    ------
+    DataError
+        Fewer than nine poses, or poses that leave a combination of parameters free.
+    """
+    if len(means) < UNKNOWNS:
+        raise DataError(f"{len(means)} poses cannot determine nine parameters")
+    used = np.ones(len(means), dtype=bool)
+    while True:
+        fit = _fit(means, sems, gravity, used)
+        if used.sum() < FEWEST_TO_JUDGE:
+            return fit
+        z = np.abs(fit.left_out / fit.left_out_sigma)
+        worst = int(np.argmax(np.where(used, z, 0.0)))
+        if not z[worst] > OUTLIER or used.sum() <= 0.85 * len(means):
+            return fit
+        used = used.copy()
+        used[worst] = False
+
+
+def jacobian(p: FloatArray, means: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Magnitudes ``|T u - o|`` (m,) and their derivatives (m, 9) at parameters ``p`` (9,)."""
+    T, o = unpack(p)
+    c = means @ T.T - o
+    size = np.linalg.norm(c, axis=1)
+    n = c / size[:, None]
+    return size, np.concatenate((n[:, UPPER[0]] * means[:, UPPER[1]], -n), axis=1)
+
+
+def unpack(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return T (3, 3) and o (3,) of parameters (9,)."""
+    T = np.zeros((3, 3))
+    T[UPPER] = p[:6]
+    return T, p[6:]
+
+
+def pack(T: FloatArray, o: FloatArray) -> FloatArray:
+    """Return the parameters (9,) of an upper triangular T and o."""
+    return np.concatenate((T[UPPER], o))
+
+
+def full_covariance(C: FloatArray) -> FloatArray:
+    """Covariance (12, 12) of ``[K row by row, b]`` from that of the nine parameters."""
+    E = np.zeros((PARAMETERS, UNKNOWNS))
+    E[3 * UPPER[0] + UPPER[1], range(6)] = 1.0
+    E[9:, 6:] = np.eye(3)
+    return np.asarray(E @ C @ E.T)
+
+
+def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -> MagnitudeFit:
+    p = _solve(_start(means[used], gravity), means[used], sems[used], gravity)
+    sigma = _sigma(p, means, sems)
+    size, J = jacobian(p, means)
+    error = size - gravity
+    C = _inverse(J[used] / sigma[used, None])
+    dof = float(used.sum() - UNKNOWNS)
+    chi2 = float(np.sum((error[used] / sigma[used]) ** 2))
+    scale = max(1.0, float(np.sqrt((chi2 + SCALE_DOF) / (dof + SCALE_DOF))))
+    left_out = np.full(len(means), np.nan)
+    left_out_sigma = np.full(len(means), np.nan)
+    for i in range(len(means)):
+        others = used.copy()
+        others[i] = False
+        if others.sum() < UNKNOWNS:
+            continue
+        try:
+            q = _solve(p, means[others], sems[others], gravity)
+            there, slope = jacobian(q, means[i : i + 1])
+            D = _inverse(jacobian(q, means[others])[1] / sigma[others, None])
+        except DataError:
+            continue
+        left_out[i] = there[0] - gravity
+        left_out_sigma[i] = scale * np.sqrt(sigma[i] ** 2 + (slope @ D @ slope.T)[0, 0])
+    affine = Affine(*unpack(p), full_covariance(C * scale**2), dof=dof + SCALE_DOF)
+    return MagnitudeFit(affine, error, sigma * scale, left_out, left_out_sigma, scale, used)
+
+
+def _sigma(p: FloatArray, means: FloatArray, sems: FloatArray) -> FloatArray:
+    T, o = unpack(p)
+    c = means @ T.T - o
+    along = (c / np.linalg.norm(c, axis=1, keepdims=True)) @ T
+    return np.asarray(np.sqrt(np.sum((along * sems) ** 2, axis=1) + FLICKER**2))
+
+
+def _start(means: FloatArray, gravity: float) -> list[FloatArray]:
+    """Return starts: nominal, and the ellipsoid through the means by linear least squares."""
+    starts = [pack(np.eye(3), np.zeros(3))]
+    u = means / gravity
+    x, y, z = u.T
+    D = np.stack((x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, -2 * x, -2 * y, -2 * z), 1)
+    a, _, rank, _ = np.linalg.lstsq(D, np.ones(len(u)), rcond=1e-9)
+    A = np.array(((a[0], a[3], a[4]), (a[3], a[1], a[5]), (a[4], a[5], a[2])))
+    if rank == UNKNOWNS and np.all(np.linalg.eigvalsh(A) > 0):
+        centre = np.linalg.solve(A, a[6:])
+        # u'Au - 2 a'u = 1 is (u - c)'A(u - c) = 1 + c'Ac, which T must turn into a sphere.
+        T: FloatArray = np.linalg.cholesky(A / (1.0 + centre @ A @ centre)).T.astype(float)
+        starts.append(pack(T, np.asarray(T @ centre * gravity)))
+    return starts
+
+
+def _solve(
+    start: FloatArray | list[FloatArray], means: FloatArray, sems: FloatArray, gravity: float
+) -> FloatArray:
+    starts = start if isinstance(start, list) else [start]
+    ends = [_descend(p, means, sems, gravity) for p in starts]
+    return min(ends, key=lambda end: end[0])[1]
+
+
+def _descend(
+    p: FloatArray, means: FloatArray, sems: FloatArray, gravity: float
+) -> tuple[float, FloatArray]:
+    """Levenberg-Marquardt; weights follow the estimate, which only turns the noise axes."""
+    damping = 1e-3
+    unit = np.array([1.0] * 6 + [gravity] * 3)
+    for _ in range(60):
+        sigma = _sigma(p, means, sems)
+        size, J = jacobian(p, means)
+        r = (size - gravity) / sigma
+        J = J * unit / sigma[:, None]
+        N = J.T @ J
+        cost = float(r @ r)
+        while True:
+            step = -np.linalg.solve(N + damping * np.diag(np.diag(N) + 1e-12), J.T @ r)
+            q = p + unit * step
+            tried = float(np.sum(((jacobian(q, means)[0] - gravity) / sigma) ** 2))
+            if tried <= cost or damping > 1e8:
+                break
+            damping *= 10.0
+        damping = max(damping / 30.0, 1e-12)
+        p = q if tried <= cost else p
+        if np.max(np.abs(step)) < 1e-10 or tried > cost:
+            break
+    return cost, p
+
+
+def _inverse(J: FloatArray) -> FloatArray:
+    """Covariance of unit-weight rows J (m, 9), refusing what they leave free."""
+    scale = np.linalg.norm(J, axis=0)
+    if np.all(scale > 0):
+        singular, V = np.linalg.svd(J / scale)[1:]
+        if len(singular) == J.shape[1] and singular[-1] > 1e-7 * singular[0]:
+            W = V.T / singular
+            return np.asarray((W @ W.T) / np.outer(scale, scale))
+    raise DataError("the poses leave a combination of scale, lean and bias undetermined")
