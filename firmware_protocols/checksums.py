@@ -1,8 +1,8 @@
 """Checksums of fixed-length packets: a plain definition of each and a fast one for many packets.
 
 :func:`checksum` is the definition, one byte after the other. :func:`checksum_rows` gives the same
-numbers for every row of an array. It uses that a CRC is affine over GF(2): the CRC of a row is
-the CRC of zeros, XORed with one number per byte that depends on that byte and its place only.
+numbers for every row of an array, working through all rows at once and, for a CRC, through two
+bytes of each at a time.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 ByteRows = npt.NDArray[np.uint8]
-UnsignedArray = npt.NDArray[np.unsignedinteger[Any]]
+UnsignedArray = npt.NDArray[Any]  # of u1, u2 or u4
 
 BLOCK_BYTES = 1 << 18
-"""Rows are worked through in blocks of about this size, so that they stay in the L2 cache."""
+MIN_BLOCK_ROWS = 256
 
 
 @dataclass(frozen=True)
@@ -38,26 +38,22 @@ class _Crc:
     def mask(self) -> int:
         return (1 << self.width) - 1
 
-    @property
-    def table(self) -> tuple[int, ...]:
-        """Return the register after one byte, for each byte, from a register of zero."""
-        return _crc_table(self)
-
-    def step(self, register: int, byte: int) -> int:
-        if self.reflected:
-            return (register >> 8) ^ self.table[(register ^ byte) & 0xFF]
-        high = (register >> (self.width - 8)) ^ byte
-        return ((register << 8) & self.mask) ^ self.table[high & 0xFF]
-
     def __call__(self, data: bytes) -> int:
+        table = _crc_table(self)
         register = self.initial
-        for byte in data:
-            register = self.step(register, byte)
+        if self.reflected:
+            for byte in data:
+                register = (register >> 8) ^ table[(register ^ byte) & 0xFF]
+        else:
+            for byte in data:
+                high = (register >> (self.width - 8)) ^ byte
+                register = ((register << 8) & self.mask) ^ table[high]
         return register ^ self.final_xor
 
 
 @lru_cache(maxsize=32)
 def _crc_table(crc: _Crc) -> tuple[int, ...]:
+    """Return the register after one byte, for each byte, from a register of zero."""
     table = []
     for byte in range(256):
         if crc.reflected:
@@ -139,6 +135,11 @@ def fast_checksum(kind: str) -> Callable[[bytes], int]:
     return _IN_C.get(kind, _DEFINITIONS[kind])
 
 
+def rows_per_block(length: int) -> int:
+    """Return how many rows of this length to work on at once: what stays in the L2 cache."""
+    return max(MIN_BLOCK_ROWS, BLOCK_BYTES // max(length, 1))
+
+
 def checksum_rows(kind: str, rows: ByteRows) -> UnsignedArray:
     """Return the checksum of every row.
 
@@ -147,7 +148,7 @@ def checksum_rows(kind: str, rows: ByteRows) -> UnsignedArray:
     kind : str
         One of :data:`SIZES`.
     rows : shape (n, m), uint8
-        What each checksum covers; need not be contiguous.
+        What each checksum covers; the bytes of a row must be neighbours in memory.
 
     Returns
     -------
@@ -155,7 +156,7 @@ def checksum_rows(kind: str, rows: ByteRows) -> UnsignedArray:
     """
     count, length = rows.shape
     result = np.empty(count, dtype=f"u{SIZES[kind]}")
-    per_block = max(1, BLOCK_BYTES // max(length, 1))
+    per_block = rows_per_block(length)
     for start in range(0, count, per_block):
         block = rows[start : start + per_block]
         result[start : start + per_block] = _block(kind, block)
@@ -163,47 +164,63 @@ def checksum_rows(kind: str, rows: ByteRows) -> UnsignedArray:
 
 
 def _block(kind: str, rows: ByteRows) -> UnsignedArray:
-    length = rows.shape[1]
+    if kind in _CRCS:
+        return _crc_block(_CRCS[kind], rows)
+    result: UnsignedArray
     if kind == "sum8":
-        return np.add.reduce(rows, axis=1, dtype=np.uint8)
-    if kind == "xor8":
-        return np.bitwise_xor.reduce(rows, axis=1, dtype=np.uint8)
-    if kind == "fletcher16":
-        wide = rows.astype(np.uint32)  # 4096 bytes: below 255 * 4096 * 4097 / 2 < 2**32
-        low = wide.sum(axis=1, dtype=np.uint32) % 255
-        high = (wide @ np.arange(length, 0, -1, dtype=np.uint32)) % 255
-        return (high << 8 | low).astype(np.uint16)
-    return _crc_block(_CRCS[kind], rows)
-
-
-def _crc_block(crc: _Crc, rows: ByteRows) -> UnsignedArray:
-    tables, of_zeros = _place_tables(crc, rows.shape[1])
-    columns = np.ascontiguousarray(rows.T)
-    result = np.full(rows.shape[0], of_zeros, dtype=tables.dtype)
-    term = np.empty_like(result)
-    for table, column in zip(tables, columns, strict=True):
-        np.take(table, column, out=term, mode="clip")
-        result ^= term
+        result = np.add.reduce(rows, axis=1, dtype=np.uint8)
+    elif kind == "xor8":
+        result = np.bitwise_xor.reduce(rows, axis=1, dtype=np.uint8)
+    else:
+        result = _fletcher16_block(rows)
     return result
 
 
-@lru_cache(maxsize=16)
-def _place_tables(crc: _Crc, length: int) -> tuple[UnsignedArray, int]:
-    """Return what each byte adds at each place, shape (length, 256), and the CRC of zeros."""
-    tables = np.empty((length, 256), dtype=f"u{crc.width // 8}")
-    one_byte = np.array(crc.table, dtype=tables.dtype)
-    row = one_byte
-    for place in range(length - 1, -1, -1):
-        tables[place] = row
-        row = _advance(crc, row, one_byte)
-    tables.flags.writeable = False
-    return tables, crc(bytes(length))
+def _fletcher16_block(rows: ByteRows) -> UnsignedArray:
+    length = rows.shape[1]
+    weights = np.arange(length, 0, -1, dtype=np.uint64)
+    wide: UnsignedArray = rows.astype(np.uint64)
+    low: UnsignedArray = wide.sum(axis=1, dtype=np.uint64) % np.uint64(255)
+    high: UnsignedArray = (wide @ weights) % np.uint64(255)
+    return (high << np.uint64(8) | low).astype(np.uint16)
 
 
-def _advance(crc: _Crc, registers: UnsignedArray, one_byte: UnsignedArray) -> UnsignedArray:
-    """Return each register after one more byte of zero."""
-    if crc.width == 8:
-        return one_byte[registers]
+def _crc_block(crc: _Crc, rows: ByteRows) -> UnsignedArray:
+    """Return the CRC of each row, two bytes at a time for all rows at once.
+
+    The register is kept in the order of the bytes that it meets, lowest first, whichever way the
+    CRC runs: then one formula serves all of them.
+    """
+    by_byte, by_word = _tables(crc)
+    number, length = rows.shape
+    register: UnsignedArray
+    register = np.full(number, _wire_order(crc, crc.initial), dtype=by_word.dtype)
+    words = np.ascontiguousarray(rows[:, : length - length % 2].view("<u2").T)
+    for word in words:
+        index = word ^ (register if crc.width < 32 else register.astype(np.uint16))
+        looked_up = by_word.take(index, mode="clip")
+        register = looked_up if crc.width <= 16 else (register >> 16) ^ looked_up
+    if length % 2:
+        last = by_byte[(register ^ rows[:, -1]) & 0xFF]
+        register = last if crc.width == 8 else (register >> 8) ^ last
+    if not crc.reflected:
+        register = register.byteswap()
+    register ^= register.dtype.type(crc.final_xor)
+    return register
+
+
+def _wire_order(crc: _Crc, register: int) -> int:
     if crc.reflected:
-        return (registers >> 8) ^ one_byte[registers & 0xFF]
-    return (registers << 8) ^ one_byte[registers >> (crc.width - 8)]
+        return register
+    return int.from_bytes(register.to_bytes(crc.width // 8, "big"), "little")
+
+
+@lru_cache(maxsize=16)
+def _tables(crc: _Crc) -> tuple[UnsignedArray, UnsignedArray]:
+    """Return the register after one byte and after two, from a register of zero."""
+    code = f"u{crc.width // 8}"
+    by_byte = np.array([_wire_order(crc, r) for r in _crc_table(crc)], dtype=code)
+    words = np.arange(1 << 16, dtype=np.uint32)
+    after_first = by_byte[words & 0xFF].astype(np.uint32)
+    after_both = (after_first >> 8) ^ by_byte[(after_first ^ words >> 8) & 0xFF]
+    return by_byte, after_both.astype(code)

@@ -1,8 +1,8 @@
 """Counting lost, repeated and late packets by the counter that they carry.
 
-What a counter cannot see: a loss of a whole number of its turns (256 packets of a u8 counter, 2.56 s
-at 100 Hz) looks like none, and a longer loss looks shorter by whole turns. A step of more than
-three quarters of a turn is taken for a step back, so with a u8 counter a loss of 192 to 254 packets
+What a counter cannot see: a loss of a whole number of its turns looks like none (256 packets of a
+u8 counter, 2.56 s at 100 Hz), and a longer loss looks shorter by whole turns. A step of more than
+three quarters of a turn is taken for a step back, so with a u8 counter a loss of 191 to 254 packets
 is reported as late packets. Whoever has a device clock too can tell.
 """
 
@@ -13,10 +13,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+Numbers = npt.NDArray[np.int64]
+AnyArray = npt.NDArray[Any]
+
 LATE_WINDOW = 64
 """A packet at most this far behind the newest is late; further behind, the counter was reset."""
 
-_WINDOW_BITS = (1 << LATE_WINDOW) - 1
+FEW = 16
+"""Up to here counting one by one is quicker than arrays."""
+
+_WINDOW_BITS = (1 << (LATE_WINDOW + 1)) - 1
 
 
 class SequenceCounter:
@@ -40,12 +46,12 @@ class SequenceCounter:
         self._modulus = modulus
         self._most_forward = modulus - modulus // 4 - 1
         self._late_window = min(LATE_WINDOW, modulus // 4)
-        self._newest: int | None = None
-        self._newest_bytes = b""
+        self._newest = -1
+        self._newest_row: AnyArray = np.empty(0, dtype=np.uint8)
         self._seen = 0  # bit k: the number k behind the newest was there
         self._missing = 0  # bit k: it was counted as lost
 
-    def add(self, numbers: npt.NDArray[np.int64], rows: npt.NDArray[Any]) -> None:
+    def add(self, numbers: Numbers, rows: AnyArray) -> None:
         """Count the next packets.
 
         Parameters
@@ -57,32 +63,32 @@ class SequenceCounter:
         """
         if not len(numbers):
             return
-        first = 0
-        if self._newest is None:
+        if self._newest < 0:
             self._restart(int(numbers[0]), rows[0])
-            first = 1
-        steps = np.diff(numbers[first:], prepend=self._newest) % self._modulus
-        if not len(steps):
-            return
-        if bool(((steps >= 1) & (steps <= self._most_forward)).all()):
-            self._add_forward(steps, rows[-1])
-            return
-        for number, row in zip(numbers[first:].tolist(), rows[first:], strict=True):
+            numbers, rows = numbers[1:], rows[1:]
+        if len(numbers) > FEW:
+            previous = np.concatenate([[self._newest], numbers[:-1]])
+            steps = (numbers - previous) & (self._modulus - 1)
+            if bool(((steps > 0) & (steps <= self._most_forward)).all()):
+                self._add_forward(steps, rows[-1])
+                numbers, rows = numbers[:0], rows[:0]
+        for number, row in zip(numbers.tolist(), rows, strict=True):
             self._add_one(number, row)
+        self._newest_row = self._newest_row.copy()  # a view would keep all the rows in memory
 
-    def _add_forward(self, steps: npt.NDArray[np.int64], last_row: npt.NDArray[Any]) -> None:
-        self.lost += int(steps.sum()) - len(steps)
+    def _add_forward(self, steps: Numbers, last_row: AnyArray) -> None:
+        total = int(steps.sum())
+        self.lost += total - len(steps)
         for step in steps[-LATE_WINDOW - 1 :].tolist():
             self._advance(step)
-        self._newest = (int(self._newest or 0) + int(steps.sum())) % self._modulus
-        self._newest_bytes = last_row.tobytes()
+        self._newest = (self._newest + total) & (self._modulus - 1)
+        self._newest_row = last_row
 
-    def _add_one(self, number: int, row: npt.NDArray[Any]) -> None:
-        assert self._newest is not None
-        forward = (number - self._newest) % self._modulus
+    def _add_one(self, number: int, row: AnyArray) -> None:
+        forward = (number - self._newest) & (self._modulus - 1)
         behind = self._modulus - forward
         if forward == 0:
-            if row.tobytes() == self._newest_bytes:
+            if bool((row == self._newest_row).all()):
                 self.duplicates += 1
             else:
                 self._restart(number, row)
@@ -90,7 +96,7 @@ class SequenceCounter:
             self.lost += forward - 1
             self._advance(forward)
             self._newest = number
-            self._newest_bytes = row.tobytes()
+            self._newest_row = row
         elif behind > self._late_window:
             self._restart(number, row)
         elif self._seen >> behind & 1:
@@ -108,11 +114,11 @@ class SequenceCounter:
     def _advance(self, step: int) -> None:
         step_bits = min(step, LATE_WINDOW + 1)
         skipped = (1 << step_bits) - 2
-        self._seen = (self._seen << step_bits | 1) & (_WINDOW_BITS << 1 | 1)
-        self._missing = (self._missing << step_bits | skipped) & (_WINDOW_BITS << 1 | 1)
+        self._seen = (self._seen << step_bits | 1) & _WINDOW_BITS
+        self._missing = (self._missing << step_bits | skipped) & _WINDOW_BITS
 
-    def _restart(self, number: int, row: npt.NDArray[Any]) -> None:
+    def _restart(self, number: int, row: AnyArray) -> None:
         self._newest = number
-        self._newest_bytes = row.tobytes()
+        self._newest_row = row
         self._seen = 1
         self._missing = 0

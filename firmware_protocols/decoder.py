@@ -13,10 +13,10 @@ from firmware_protocols.framing import find_many, find_short, rows_at
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts
 
-PIECE_BYTES = 1 << 18
+PIECE_BYTES = 1 << 20
 """Longer input is worked through in pieces of this size: temporary memory stays bounded."""
 
-SHORT_BYTES = 2048
+SHORT_BYTES = 1024
 """Up to here plain Python is quicker than arrays."""
 
 

@@ -20,11 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from firmware_protocols.checksums import BLOCK_BYTES, checksum_rows, fast_checksum
+from firmware_protocols.checksums import checksum_rows, fast_checksum, rows_per_block
 from firmware_protocols.layout import PacketLayout
 
 Bytes = npt.NDArray[np.uint8]
 Positions = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -82,14 +83,54 @@ def find_short(layout: PacketLayout, data: bytes, *, in_sync: bool) -> Found:
 
 def find_many(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Found:
     """Find the packets of a long stretch; same result as :func:`find_short`."""
+    run = _unbroken_run(layout, data) if in_sync or layout.checksum else 0
+    first = np.arange(run, dtype=np.int64) * layout.length
+    skipped = run * layout.length
+    rest = data[skipped:]
+    if len(rest) < layout.length:
+        return Found(first, skipped, 0)
+    if layout.checksum:
+        found = _find_checked(layout, rest)
+    else:
+        found = _find_unchecked(layout, rest, in_sync=in_sync)
+    starts = np.concatenate([first, found.starts + skipped])
+    return Found(starts, found.decided + skipped, found.corrupt)
+
+
+def _unbroken_run(layout: PacketLayout, data: Bytes) -> int:
+    """Return how many packets stand one right behind the other from the beginning on."""
+    number = len(data) // layout.length
+    rows = data[: number * layout.length].reshape(number, layout.length)
+    run = 0
+    per_block = rows_per_block(layout.length)
+    while run < number:
+        block = rows[run : run + per_block]
+        match = np.ones(len(block), dtype=bool)
+        for place, byte in enumerate(layout.header):
+            match &= block[:, place] == byte
+        good = _leading(match)
+        if layout.checksum:
+            good = _leading(_checksum_holds(layout, block[:good]))
+        run += good
+        if good < len(block):
+            break
+    return run
+
+
+def _leading(flags: Flags) -> int:
+    """Return how many flags are set before the first that is not."""
+    return len(flags) if bool(flags.all()) else int(flags.argmin())
+
+
+def _find_checked(layout: PacketLayout, data: Bytes) -> Found:
     last = len(data) - layout.length
-    if last < 0:
-        return Found(np.empty(0, dtype=np.int64), 0, 0)
     headers = _headers(data, layout.header)
-    if layout.checksum is None:
-        return _find_unchecked(layout, headers, last, in_sync=in_sync)
     headers = headers[: np.searchsorted(headers, last, side="right")]
-    good = _checksum_holds(layout, data, headers)
+    good = np.empty(len(headers), dtype=bool)
+    per_block = rows_per_block(layout.length)
+    for block in range(0, len(headers), per_block):
+        rows = _gather(data, headers[block : block + per_block], layout.length)
+        good[block : block + per_block] = _checksum_holds(layout, rows)
     starts = _without_overlap(headers[good], layout.length)
     rejected = headers[~good]
     if not len(starts):
@@ -98,20 +139,29 @@ def find_many(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Found:
     return Found(starts, max(int(starts[-1]) + layout.length, last + 1), corrupt)
 
 
+def _checksum_holds(layout: PacketLayout, rows: Bytes) -> Flags:
+    """Return for each packet, shape (n, length), whether its checksum is right."""
+    check = layout.checksum
+    assert check is not None
+    sent = rows.view(layout.dtype)["checksum"][:, 0]
+    covered = rows[:, check.start : layout.length - check.size]
+    holds: Flags = checksum_rows(check.kind, covered) == sent
+    return holds
+
+
 def rows_at(data: Bytes, starts: Positions, length: int) -> Bytes:
     """Return a copy of the ``length`` bytes from each start, shape (n, length)."""
     number = len(starts)
     if number and int(starts[-1]) - int(starts[0]) == (number - 1) * length:
-        first = int(starts[0])
-        if number == 1 or bool((np.diff(starts) == length).all()):
-            return data[first : first + number * length].reshape(number, length).copy()
-    return _windows(data, length)[starts].view(np.uint8).reshape(number, length)
+        first = int(starts[0])  # starts never lie closer together, so these are one run
+        return data[first : first + number * length].reshape(number, length).copy()
+    return _gather(data, starts, length)
 
 
-def _windows(data: Bytes, length: int) -> npt.NDArray[np.void]:
-    """Return every packet-long window of the data as one opaque item, without copying."""
+def _gather(data: Bytes, starts: Positions, length: int) -> Bytes:
     count = max(0, len(data) - length + 1)
-    return np.ndarray((count,), dtype=f"V{length}", buffer=data, strides=(1,))
+    windows = np.ndarray((count,), dtype=f"V{length}", buffer=data, strides=(1,))
+    return windows[starts].view(np.uint8).reshape(len(starts), length)
 
 
 def _headers(data: Bytes, header: bytes) -> Positions:
@@ -120,19 +170,6 @@ def _headers(data: Bytes, header: bytes) -> Positions:
     for place in range(1, len(header)):
         match &= data[place : place + count] == header[place]
     return np.flatnonzero(match)
-
-
-def _checksum_holds(layout: PacketLayout, data: Bytes, at: Positions) -> npt.NDArray[np.bool_]:
-    check = layout.checksum
-    assert check is not None
-    good = np.empty(len(at), dtype=bool)
-    per_block = max(1, BLOCK_BYTES // layout.length)
-    for start in range(0, len(at), per_block):
-        rows = rows_at(data, at[start : start + per_block], layout.length)
-        sent = rows.view(layout.dtype)["checksum"][:, 0]
-        covered = rows[:, check.start : layout.length - check.size]
-        good[start : start + per_block] = checksum_rows(check.kind, covered) == sent
-    return good
 
 
 def _without_overlap(at: Positions, length: int) -> Positions:
@@ -155,8 +192,10 @@ def _covered(at: Positions, starts: Positions, length: int) -> int:
     return int(np.count_nonzero(inside))
 
 
-def _find_unchecked(layout: PacketLayout, headers: Positions, last: int, *, in_sync: bool) -> Found:
+def _find_unchecked(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Found:
     length = layout.length
+    last = len(data) - length
+    headers = _headers(data, layout.header)
     is_header = np.zeros(last + 2 * length + 1, dtype=bool)
     is_header[headers] = True
     headers = headers[: np.searchsorted(headers, last, side="right")]
@@ -171,8 +210,8 @@ def _find_unchecked(layout: PacketLayout, headers: Positions, last: int, *, in_s
 def _walk(
     layout: PacketLayout,
     headers: Positions,
-    confirmed: npt.NDArray[np.bool_],
-    follows: npt.NDArray[np.bool_],
+    confirmed: Flags,
+    follows: Flags,
     last: int,
     waits_from: int,
     *,
@@ -199,6 +238,6 @@ def _walk(
     return Found(np.array(starts, dtype=np.int64), max(free, last + 1), corrupt)
 
 
-def _is_plain(headers: Positions, taken: npt.NDArray[np.bool_], length: int) -> bool:
+def _is_plain(headers: Positions, taken: Flags, length: int) -> bool:
     """Return whether every header is a packet and none of them overlap."""
     return bool(taken.all()) and bool((np.diff(headers) >= length).all())
