@@ -1,0 +1,75 @@
+"""Counts of a packet layout to SI units, for the fields that are measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from firmware_protocols.layout import PacketLayout
+from firmware_protocols.packets import values
+from imu_rig.arrays import FloatArray, StructArray
+from imu_rig.errors import InputError
+from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, TEMPERATURE_UNITS
+
+_UNITS = {
+    "accel": ACCELERATION_UNITS,
+    "gyro": RATE_UNITS,
+    "mag": FIELD_UNITS,
+    "temperature": TEMPERATURE_UNITS,
+}
+
+
+def si_factors(layout: PacketLayout) -> dict[str, float]:
+    """Return SI units per unit of the layout, by the name of the field.
+
+    Raises
+    ------
+    InputError
+        If the layout holds neither accelerometer nor gyroscope, or a field of unknown unit.
+    """
+    if not (layout.has("accel") or layout.has("gyro")):
+        raise InputError(
+            f"Packet layout {layout.name} has neither a field accel nor a field gyro: name the "
+            "fields that hold the accelerometer and the gyroscope so."
+        )
+    factors = {}
+    for name, units in _UNITS.items():
+        if not layout.has(name):
+            continue
+        field = layout.field(name)
+        if field.unit not in units:
+            raise InputError(
+                f"Packet layout {layout.name}: field {name} has the unit {field.unit!r}, which is "
+                f"not known for it; use one of {', '.join(units)}."
+            )
+        if field.count != (1 if name == "temperature" else 3):
+            raise InputError(
+                f"Packet layout {layout.name}: field {name} holds {field.count} numbers; "
+                f"it must hold {'one' if name == 'temperature' else 'three'}."
+            )
+        factors[name] = units[field.unit]
+    return factors
+
+
+def si_values(
+    layout: PacketLayout, rows: StructArray, factors: dict[str, float]
+) -> dict[str, FloatArray]:
+    """Return the measurements of packets in SI units; an absent accel or gyro reads NaN.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    rows : shape (n,), structured
+        Packets, of ``layout.dtype``.
+    factors : dict
+        As `si_factors` gives them.
+
+    Returns
+    -------
+    dict
+        "accel" [m/s^2] and "gyro" [rad/s], shape (n, 3); "mag" [uT], shape (n, 3), and
+        "temperature" [degC], shape (n,), where the layout has them.
+    """
+    columns = {name: np.full((len(rows), 3), np.nan) for name in ("accel", "gyro")}
+    for name, factor in factors.items():
+        columns[name] = values(layout, rows, name) * factor
+    return columns

@@ -1,0 +1,165 @@
+"""A device's clock continued over wraps, with restarts and stray values told from them.
+
+A clock of 32 bits that counts microseconds wraps after 72 minutes; a device that browns out begins
+at zero again; a packet layout without a checksum now and then lets through a packet that is none.
+All three look like a jump. The host's clock tells them apart: over a wrap the device's clock
+advances as much as the host's, over a restart it does not, and a stray value agrees with neither
+of its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from imu_rig.arrays import AnyArray, FloatArray, IntArray
+from imu_rig.timing.counters import differences, wrapped_steps
+
+# How far the device's and the host's elapsed times may disagree.
+REORDER_S = 0.2  # that a packet's clock may stand behind its predecessor's: it came out of order
+JUDGED_PERIOD_S = 10.0  # clocks that wrap sooner cannot show a restart amid transport delays
+SLACK_S = 30.0  # of buffered data, or a quarter of the clock's period where that is less
+BURST_S = 0.05  # within which packets that waited for a link arrive together
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """What became of the packets handed in.
+
+    Attributes
+    ----------
+    rows : shape (m,)
+        Indices of the packets kept, in order of arrival.
+    device_s : shape (m,)
+        Unwrapped device clock of each [s]; begins anew at a restart.
+    epoch : shape (m,)
+        How many restarts had happened before each.
+    held : bool
+        Whether the last packet handed in jumps and awaits its successor to be judged; it is not
+        among ``rows`` and is to be handed in again, first, together with what follows.
+    strays : int
+        Packets dropped because their clock agrees with neither neighbour.
+    """
+
+    rows: IntArray
+    device_s: FloatArray
+    epoch: IntArray
+    held: bool
+    strays: int
+
+
+@dataclass
+class _Anchor:
+    """The last packet kept."""
+
+    raw: int
+    ticks: float
+    host_s: float
+
+
+class DeviceTime:
+    """Unwraps the clock of one device, packet after packet.
+
+    Parameters
+    ----------
+    modulus : int
+        Where the clock wraps [ticks].
+    tick_s : float
+        Length of a tick [s].
+    """
+
+    def __init__(self, modulus: int, tick_s: float) -> None:
+        period_s = modulus * tick_s
+        self._modulus, self._tick_s = modulus, tick_s
+        self._judged = period_s >= JUDGED_PERIOD_S
+        self._slack_s = min(SLACK_S, period_s / 4)
+        self._backward = int(min(REORDER_S, period_s / 4) / tick_s)
+        self._anchor: _Anchor | None = None
+        self._epoch = 0
+
+    @property
+    def restarts(self) -> int:
+        """Restarts seen so far."""
+        return self._epoch
+
+    def feed(self, raw: AnyArray, host_s: FloatArray) -> Unwrapped:
+        """Unwrap the clock of the next packets.
+
+        Parameters
+        ----------
+        raw : shape (n,)
+            Clock fields as sent.
+        host_s : shape (n,)
+            Arrival of each packet, host clock [s], not decreasing.
+        """
+        values = np.asarray(raw)
+        if len(values) == 0:
+            return _kept([], 0)
+        if self._anchor is None:
+            self._anchor = _Anchor(int(values[0]), float(values[0]), float(host_s[0]))
+        steps = self._steps(values, host_s, self._anchor)
+        breaks = np.flatnonzero(~self._plausible(steps, host_s, self._anchor.host_s))
+        edges = [0, *(int(b) for b in breaks if b > 0), len(values)]
+        runs: list[tuple[IntArray, FloatArray, int]] = []
+        strays, held = 0, False
+        for start, stop in pairwise(edges):
+            if start not in breaks or self._continues(values[start], float(host_s[start])):
+                pass
+            elif stop - start > 1:
+                self._epoch += 1
+                self._anchor = _Anchor(
+                    int(values[start]), float(values[start]), float(host_s[start])
+                )
+            elif stop == len(values):
+                held = True
+                continue
+            else:
+                strays += 1
+                continue
+            part = slice(start, stop)
+            ticks = self._anchor.ticks + np.cumsum(
+                self._steps(values[part], host_s[part], self._anchor)
+            )
+            self._anchor = _Anchor(int(values[stop - 1]), float(ticks[-1]), float(host_s[stop - 1]))
+            runs.append((np.arange(start, stop), ticks * self._tick_s, self._epoch))
+        return _kept(runs, strays, held=held)
+
+    def _steps(self, values: AnyArray, host_s: FloatArray, anchor: _Anchor) -> FloatArray:
+        """Ticks from each packet to the next, with whole unseen periods added after long gaps."""
+        steps = wrapped_steps(values, anchor.raw, self._modulus, self._backward).astype(float)
+        elapsed = differences(host_s, anchor.host_s) / self._tick_s
+        for gap in np.flatnonzero(elapsed - steps > self._modulus / 2).tolist():
+            # packets that waited for the link arrive together: only the freshest tells the time
+            fresh = int(np.searchsorted(host_s, host_s[gap] + BURST_S, side="right"))
+            together = slice(gap, max(fresh, gap + 1))
+            silent = float(elapsed[together].sum() - steps[together].sum())
+            steps[gap] += self._modulus * max(0.0, np.rint(silent / self._modulus))
+        return steps
+
+    def _plausible(self, steps: FloatArray, host_s: FloatArray, before_s: float) -> AnyArray:
+        if not self._judged:
+            return np.ones(len(steps), dtype=bool)
+        advance = steps * self._tick_s
+        excess = advance - differences(host_s, before_s)
+        near: AnyArray = (np.abs(excess) <= self._slack_s) & (steps >= -self._backward)
+        return near
+
+    def _continues(self, value: float, host_s: float) -> bool:
+        """Whether a packet continues the last one kept, with strays between them left out."""
+        if self._anchor is None:
+            return True
+        host = np.array([host_s])
+        steps = self._steps(np.array([value]), host, self._anchor)
+        return bool(self._plausible(steps, host, self._anchor.host_s)[0])
+
+
+def _kept(
+    runs: list[tuple[IntArray, FloatArray, int]], strays: int, *, held: bool = False
+) -> Unwrapped:
+    if not runs:
+        return Unwrapped(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64), held, strays)
+    rows = np.concatenate([r for r, _, _ in runs])
+    epoch = np.repeat([e for _, _, e in runs], [len(r) for r, _, _ in runs]).astype(np.int64)
+    return Unwrapped(rows, np.concatenate([t for _, t, _ in runs]), epoch, held, strays)

@@ -1,0 +1,104 @@
+"""Clock fits against simulated transport: one-sided, bursty, with drop-outs of seconds."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imu_rig.timing import LiveClockFit, fit_clock
+
+RATE_HZ = 100.0
+ORIGIN_S = 4321.0
+
+
+def bluetooth(seed, duration_s, *, skew=50e-6, drop_outs=True):
+    """Device clock, arrival and true time [s] over a link that flushes every 20 to 100 ms."""
+    rng = np.random.default_rng(seed)
+    device = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
+    true = ORIGIN_S + device * (1 + skew)
+    flushes = true[0] + np.cumsum(rng.uniform(0.02, 0.1, int(duration_s / 0.02) + 200))
+    host = flushes[np.searchsorted(flushes, true)] + rng.exponential(2e-4, len(device))
+    if drop_outs:
+        for start in rng.uniform(true[0], true[-1], 1 + int(duration_s / 30)):
+            silent_s = rng.uniform(1.0, 4.0)
+            late = (host >= start) & (host < start + silent_s)
+            host[late] = start + silent_s
+    return device, np.maximum.accumulate(host), true
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000), skew=st.floats(-100e-6, 100e-6))
+def test_half_a_minute_over_bluetooth_is_good_to_2_ms(seed, skew):
+    device, host, true = bluetooth(seed, 30.0, skew=skew)
+    assert rms(fit_clock(device, host).host(device) - true) < 2e-3
+
+
+def test_errors_shrink_with_time_and_agree_with_the_stated_sigma():
+    for duration_s, limit_s in ((10, 1e-3), (60, 0.4e-3), (300, 0.3e-3)):
+        ratios = []
+        for seed in range(12):
+            device, host, true = bluetooth(seed, duration_s)
+            fit = fit_clock(device, host)
+            error = fit.host(device) - true
+            assert rms(error) < limit_s
+            ratios.append(rms(error - np.min(host - true)) / fit.sigma_s)
+        assert 0.2 < np.median(ratios) < 3.0
+
+
+def test_a_mapped_time_is_never_later_than_its_arrival():
+    device, host, _ = bluetooth(3, 60.0)
+    assert np.min(host - fit_clock(device, host).host(device)) > -1e-6
+
+
+def test_short_records_keep_the_nominal_rate_and_take_the_smallest_delay():
+    device, host, _ = bluetooth(4, 8.0, skew=0.0)
+    fit = fit_clock(device, host)
+    assert fit.skew == 0.0
+    assert fit.offset_s == pytest.approx(np.min(host - device), abs=1e-9)
+
+
+def test_a_microcontroller_off_by_a_percent_is_followed():
+    device, host, true = bluetooth(5, 60.0, skew=0.01)
+    assert rms(fit_clock(device, host).host(device) - true) < 1e-3
+
+
+def test_one_packet_is_a_fit_and_none_is_not():
+    assert fit_clock(np.array([5.0]), np.array([7.0])).host(np.array([5.0])) == pytest.approx(7.0)
+    with pytest.raises(ValueError, match="no packets"):
+        fit_clock(np.empty(0), np.empty(0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_live_fit_ends_where_the_whole_record_does(seed):
+    device, host, true = bluetooth(seed, 60.0)
+    live = LiveClockFit()
+    for piece in np.array_split(np.arange(len(device)), 600):
+        fit = live.update(device[piece], host[piece])
+    assert rms(fit.host(device) - true) < 1e-3
+    assert rms(fit.host(device) - fit_clock(device, host).host(device)) < 0.3e-3
+
+
+def test_the_live_fit_follows_half_an_hour_in_bounded_memory():
+    device, host, true = bluetooth(7, 1800.0)
+    live = LiveClockFit()
+    for piece in np.array_split(np.arange(len(device)), 3600):
+        fit = live.update(device[piece], host[piece])
+    newest = slice(-60_000, None)
+    assert rms((fit.host(device) - true)[newest]) < 0.3e-3
+    assert live.remembered <= 1200
+
+
+def test_after_a_restart_the_crystal_is_remembered():
+    device, host, true = bluetooth(8, 120.0)
+    live = LiveClockFit()
+    live.update(device, host)
+    live.restart()
+    assert live.fit is None
+    again, arrival, true = bluetooth(9, 8.0, drop_outs=False)
+    fit = live.update(again, arrival)
+    assert fit.skew == pytest.approx(50e-6, abs=10e-6)
+    assert rms(fit.host(again) - true) < 2e-3
