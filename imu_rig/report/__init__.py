@@ -1,0 +1,1 @@
+"""Reports: one self-contained HTML file each, that reads well on paper and on a phone."""

@@ -1,0 +1,149 @@
+"""HTML built from elements that escape their text, and its way to disk."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from imu_rig.errors import InputError, StorageError
+
+UNPRINTABLE = re.compile(
+    r"[^\t\n\x20-\x7e\xa0-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0010fffd]"
+    r"|[\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)
+"""What no document may hold, and the marks that turn the reading direction of text around."""
+
+
+class Html(str):
+    """Text that is markup already; every other text is escaped where an element takes it in."""
+
+    __slots__ = ()
+
+
+def text(value: str) -> Html:
+    """Escape data; characters that cannot be shown, or mislead, become a visible mark."""
+    visible = UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", value)
+    return Html(escape(visible, quote=True))
+
+
+def element(tag: str, *content: str, **attributes: str) -> Html:
+    """Return an element; attribute ``class_`` means ``class``."""
+    stated = "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{text(value)}"'
+        for name, value in attributes.items()
+    )
+    return Html(f"<{tag}{stated}>{joined(content)}</{tag}>")
+
+
+def joined(parts: Iterable[str]) -> Html:
+    """Join parts, escaping those that are not markup."""
+    return Html("".join(part if isinstance(part, Html) else text(part) for part in parts))
+
+
+def table(
+    head: Sequence[str],
+    body: Iterable[Sequence[str] | Html],
+    *,
+    class_: str = "",
+    caption: str = "",
+) -> Html:
+    """Return a table that scrolls sideways where the page is too narrow.
+
+    A row is its cells, the first of which is the row's header, or an entire row as markup; a
+    column's head is a text or an entire cell as markup.
+    """
+    rows = [row if isinstance(row, Html) else _row(row) for row in body]
+    cells = [cell if isinstance(cell, Html) else element("th", cell, scope="col") for cell in head]
+    heading = element("tr", *cells)
+    described = [element("caption", caption)] if caption else []
+    inner = element("table", *described, element("thead", heading), element("tbody", *rows))
+    return element("div", inner, class_=f"table {class_}".strip())
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> Html:
+    """Return a list of named values."""
+    return element(
+        "dl", *(element("div", element("dt", name), element("dd", value)) for name, value in pairs)
+    )
+
+
+def section(title: str, *content: str, class_: str = "") -> Html:
+    """Return a titled section."""
+    return element("section", element("h2", title), *content, class_=class_)
+
+
+def folded(summary: str, *content: str) -> Html:
+    """Return a block that opens on demand, without a script."""
+    return element("details", element("summary", summary), *content)
+
+
+def document(title: str, *content: str) -> Html:
+    """Return a whole document; its style is inside, and it needs nothing else."""
+    style = (resources.files("imu_rig.report") / "report.css").read_text(encoding="utf-8")
+    head = (
+        Html('<meta charset="utf-8">\n'),
+        Html('<meta name="viewport" content="width=device-width, initial-scale=1">\n'),
+        Html('<meta name="color-scheme" content="light dark">\n'),
+        Html(
+            '<meta http-equiv="Content-Security-Policy" '
+            "content=\"default-src 'none'; style-src 'unsafe-inline'\">\n"
+        ),
+        element("title", title),
+        Html(f"\n<style>\n{style}</style>\n"),
+    )
+    body = element("main", *content)
+    return Html(
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{joined(head)}</head>\n'
+        f"<body>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def write_report(path: Path | str, html: str, *, overwrite: bool = False) -> None:
+    """Write a report whole or not at all; an existing file is kept unless ``overwrite``.
+
+    Raises
+    ------
+    InputError
+        The file exists, or its directory does not.
+    StorageError
+        The disk is full or fails.
+    """
+    target = Path(path)
+    if os.path.lexists(target) and not overwrite:
+        raise InputError(
+            f"{target} exists and a report is never overwritten unasked; choose another name"
+        )
+    if target.is_dir() and not target.is_symlink():
+        raise InputError(f"{target} is a directory; name a file for the report")
+    if not target.parent.is_dir():
+        raise InputError(f"{target.parent} is not a directory; make it before saving there")
+    try:
+        _replace(target, html.encode())
+    except OSError as error:
+        raise StorageError(f"{target} could not be written: {error.strerror}") from error
+
+
+def _row(cells: Sequence[str]) -> Html:
+    first, *rest = cells
+    return element("tr", element("th", first, scope="row"), *(element("td", cell) for cell in rest))
+
+
+def _replace(target: Path, data: bytes) -> None:
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o644)
+        # Renaming replaces a symbolic link instead of following it.
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
