@@ -1,0 +1,200 @@
+"""The calibration's parameters in human units, with uncertainty and, in simulation, the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+from imu_rig.calibration.model import Affine, PhysicalFigures, physical_figures
+from imu_rig.calibration.result import CalibrationResult
+from imu_rig.report.facts import Truth
+from imu_rig.units import DEG, MILLI_G
+
+MILLIRADIAN = 1e-3
+FIXED_BELOW = 1e-12
+"""A standard uncertainty below this belongs to what a convention or the method fixed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter in the unit of its group.
+
+    Attributes
+    ----------
+    name : str
+        Axis, or the lean of one axis toward another.
+    value, uncertainty : float
+        Estimate and its standard uncertainty; 0 where the value is fixed, not estimated.
+    half_width : float
+        Half the width of the 95 % interval.
+    truth : float or None
+        The true value, where a simulation knows it.
+    """
+
+    name: str
+    value: float
+    uncertainty: float
+    half_width: float
+    truth: float | None = None
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the value was set, not estimated."""
+        return not self.uncertainty > 0.0
+
+    @property
+    def error_in_uncertainties(self) -> float | None:
+        """Error over standard uncertainty; None without a truth or for a fixed value."""
+        if self.truth is None or self.is_fixed:
+            return None
+        return (self.value - self.truth) / self.uncertainty
+
+    @property
+    def holds_truth(self) -> bool | None:
+        """Whether the 95 % interval contains the truth."""
+        if self.truth is None or self.is_fixed:
+            return None
+        return abs(self.value - self.truth) <= self.half_width
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """Parameters of one kind and unit."""
+
+    name: str
+    unit: str
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def largest_uncertainty(self) -> float:
+        """Largest standard uncertainty of the group; 0 where all are fixed."""
+        return max(parameter.uncertainty for parameter in self.parameters)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """All parameters of the accelerometer or the gyroscope: scale, directions, bias."""
+
+    name: str
+    scale: ParameterGroup
+    directions: ParameterGroup
+    bias: ParameterGroup
+
+    @property
+    def groups(self) -> tuple[ParameterGroup, ...]:
+        """The groups in the order of every table and figure."""
+        return (self.scale, self.directions, self.bias)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters in that order."""
+        return tuple(p for group in self.groups for p in group.parameters)
+
+
+def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sensor, ...]:
+    """Return the accelerometer and, if it was calibrated, the gyroscope.
+
+    Estimates and truth are compared as figures of the sensor itself, in which the frame of
+    either K has no part; a gyroscope's axes count relative to those of its accelerometer.
+    """
+    true_accel = None if truth is None else physical_figures(truth.accel)
+    found = [
+        _sensor(
+            "Accelerometer", result.accel, result.accel_figures, true_accel,
+            ("Non-orthogonality", MILLI_G, "mg"),
+        )
+    ]  # fmt: skip
+    if result.gyro is not None and result.gyro_figures is not None:
+        true_gyro = (
+            None
+            if truth is None or truth.gyro is None
+            else physical_figures(truth.gyro, truth.accel)
+        )
+        found.append(
+            _sensor(
+                "Gyroscope", result.gyro, result.gyro_figures, true_gyro,
+                ("Lean of axes", DEG, "deg/s"),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _sensor(
+    name: str,
+    affine: Affine,
+    figures: PhysicalFigures,
+    truth: PhysicalFigures | None,
+    kind: tuple[str, float, str],
+) -> Sensor:
+    directions, bias_unit, bias_unit_name = kind
+    factor = affine.coverage_factor
+    true: tuple[FloatArray | None, ...] = (None, None, None)
+    if truth is not None:
+        true = (truth.scale_percent, truth.cross_rad, truth.bias)
+
+    def group(
+        title: str,
+        unit: str,
+        names: Sequence[str],
+        scale: float,
+        value: FloatArray,
+        uncertainty: FloatArray,
+        true: FloatArray | None,
+    ) -> ParameterGroup:
+        sigma = np.where(uncertainty < FIXED_BELOW, 0.0, uncertainty) / scale
+        return ParameterGroup(
+            title,
+            unit,
+            tuple(
+                Parameter(
+                    name=label,
+                    value=float(value[i] / scale),
+                    uncertainty=float(sigma[i]),
+                    half_width=float(factor * sigma[i]),
+                    truth=None if true is None else float(true[i] / scale),
+                )
+                for i, label in enumerate(names)
+            ),
+        )
+
+    return Sensor(
+        name,
+        group(
+            "Scale error", "%", "xyz", 1.0,
+            figures.scale_percent, figures.scale_percent_u, true[0],
+        ),
+        group(
+            directions, "mrad", [f"{c[0]} → {c[1]}" for c in figures.cross_names], MILLIRADIAN,
+            figures.cross_rad, figures.cross_rad_u, true[1],
+        ),
+        group(
+            "Bias", bias_unit_name, "xyz", bias_unit,
+            figures.bias, figures.bias_u, true[2],
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """How well the stated uncertainties cover the truth."""
+
+    compared: int
+    inside: int
+    rms: float
+
+
+def compare_with_truth(found: tuple[Sensor, ...]) -> TruthComparison | None:
+    """Count intervals that hold the truth; None where no truth is known."""
+    judged = [p for sensor in found for p in sensor.parameters if p.holds_truth is not None]
+    if not judged:
+        return None
+    ratios = [p.error_in_uncertainties or 0.0 for p in judged]
+    return TruthComparison(
+        compared=len(judged),
+        inside=sum(bool(p.holds_truth) for p in judged),
+        rms=math.sqrt(sum(r * r for r in ratios) / len(ratios)),
+    )
