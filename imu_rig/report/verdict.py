@@ -1,0 +1,180 @@
+"""What a calibration amounts to, in plain words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.result import CalibrationResult, ErrorStages, ErrorSummary
+from imu_rig.report.facts import SessionSummary
+from imu_rig.report.numbers import counted, significant
+from imu_rig.units import DEG, MILLI_G
+
+METHODS = {
+    "paper": "the published least squares, which trusts the commanded angles of the jig",
+    "paper-diagonal": "the published least squares with gain and offset per axis only, which "
+    "trusts the commanded angles of the jig",
+    "multi-position": "multi-position least squares, which trusts gravity alone and needs no "
+    "commanded angles",
+}
+TRUST_FROM = 8
+"""Left-out poses from which on the ratio of error to prediction says something."""
+TRUST_BELOW = 2.0
+"""Left-out errors so many times their prediction show that the uncertainties are too small."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The head of a report.
+
+    Attributes
+    ----------
+    headline : str
+        One line.
+    sentences : tuple of str
+        What was calibrated, how, and how good it is.
+    attention : tuple of str
+        Everything that a careful reader must know before using the calibration.
+    """
+
+    headline: str
+    sentences: tuple[str, ...]
+    attention: tuple[str, ...]
+
+
+def verdict(result: CalibrationResult, session: SessionSummary | None = None) -> Verdict:
+    """Put a result into words."""
+    attention = (*result.warnings, *_own_observations(result, session))
+    sensors = "Accelerometer" if result.gyro is None else "Accelerometer and gyroscope"
+    if attention:
+        headline = f"{sensors} calibrated, with {counted(len(attention), 'point')} to heed"
+    else:
+        headline = f"{sensors} calibrated; nothing needs attention"
+    sentences = [_what(result, session), _accelerometer(result)]
+    if result.gyro is not None:
+        sentences.append(_gyroscope(result))
+    ratio = left_out_ratio(result)
+    if ratio is not None:
+        sentences.append(
+            f"Errors of left-out poses are {significant(ratio, 2)} times as large as predicted "
+            "(root mean square); near 1, the stated uncertainties are true."
+        )
+    sentences.append(gravity_sentence(result.gravity))
+    return Verdict(headline, tuple(sentences), attention)
+
+
+def gravity_sentence(gravity: Gravity) -> str:
+    """Say what the accelerometer was scaled to, in typographic units."""
+    return gravity.statement.replace("m/s^2", "m/s²")
+
+
+def left_out_ratio(result: CalibrationResult) -> float | None:
+    """RMS of left-out errors over their predicted uncertainty; None where too few are known."""
+    ratios = [
+        pose.left_out / pose.left_out_sigma
+        for pose in result.poses
+        if pose.left_out is not None and pose.left_out_sigma
+    ]
+    ratios = [ratio for ratio in ratios if math.isfinite(ratio)]
+    if len(ratios) < TRUST_FROM:
+        return None
+    return float(np.sqrt(np.mean(np.square(ratios))))
+
+
+def _own_observations(result: CalibrationResult, session: SessionSummary | None) -> list[str]:
+    found = []
+    if result.accel_errors.held_out is None:
+        found.append(
+            "No pose was kept out of the fit, so nothing here shows how accurate the "
+            "accelerometer is; a residual of the fit does not."
+        )
+    if result.gyro is not None and result.gyro_errors.held_out is None:
+        found.append(
+            "No move was kept out of the fit, so nothing here shows how accurate the gyroscope "
+            "is; a residual of the fit does not."
+        )
+    for name, errors in _stages(result):
+        if errors.before and errors.held_out and errors.held_out.rms >= errors.before.rms:
+            found.append(
+                f"On data kept out of the fit the calibrated {name} is no better than the "
+                "uncalibrated one: do not use this calibration for it."
+            )
+    ratio = left_out_ratio(result)
+    if ratio is not None and ratio > TRUST_BELOW:
+        found.append(
+            f"Errors of left-out poses are {significant(ratio, 2)} times as large as predicted: "
+            "take the uncertainties of the accelerometer as too small by about that factor."
+        )
+    if session is not None and session.finished < session.planned:
+        found.append(
+            f"The session ended after {session.finished} of {session.planned} stops; the "
+            "calibration rests on what was measured until then."
+        )
+    return found
+
+
+def _stages(result: CalibrationResult) -> list[tuple[str, ErrorStages]]:
+    stages = [("accelerometer", result.accel_errors)]
+    return stages if result.gyro is None else [*stages, ("gyroscope", result.gyro_errors)]
+
+
+def _what(result: CalibrationResult, session: SessionSummary | None) -> str:
+    name = result.device.name or "The sensor"
+    serial = f" (serial {result.device.serial})" if result.device.serial else ""
+    poses, moves = counted(len(result.poses), "still pose"), counted(len(result.moves), "move")
+    data = poses if result.gyro is None else f"{poses} and {moves}"
+    where = f" on the jig {session.jig}" if session is not None and session.jig else ""
+    method = METHODS.get(result.method)
+    how = f": {method}." if method else "."
+    return f"{name}{serial} was calibrated from {data}{where} by the method “{result.method}”{how}"
+
+
+def _accelerometer(result: CalibrationResult) -> str:
+    return _accuracy(
+        result.accel_errors,
+        MILLI_G,
+        "mg",
+        "the magnitude of gravity",
+        "On poses kept out of the fit",
+        "pose",
+    )
+
+
+def _gyroscope(result: CalibrationResult) -> str:
+    return _accuracy(
+        result.gyro_errors,
+        DEG,
+        "deg",
+        "the direction of gravity that the gyroscope carries from pose to pose",
+        "On moves kept out of the fit",
+        "move",
+    )
+
+
+def _accuracy(
+    errors: ErrorStages, unit: float, name: str, quantity: str, where: str, each: str
+) -> str:
+    def size(summary: ErrorSummary) -> str:
+        return f"{significant(summary.rms / unit)} {name}"
+
+    shown = errors.held_out or errors.after
+    if shown is None:
+        return f"No error of {quantity} could be stated."
+    if errors.held_out is None:
+        return (
+            f"In the data of the fit itself, {quantity} errs by {size(shown)} "
+            f"(root mean square over {counted(shown.count, each)}); this is no measure of accuracy."
+        )
+    before = ""
+    if errors.before is not None and shown.rms > 0.0:
+        factor = errors.before.rms / shown.rms
+        gain = f", {significant(factor, 2)} times more" if factor > 1.0 else ""
+        before = f"; before calibration it was {size(errors.before)}{gain}"
+    return (
+        f"{where}, {quantity} errs by {size(shown)} (root mean square over "
+        f"{counted(shown.count, each)}; median {significant(shown.median / unit)}, largest "
+        f"{significant(shown.maximum / unit)} {name}){before}."
+    )
