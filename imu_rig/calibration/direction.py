@@ -101,6 +101,19 @@ def direction_errors(
     return np.asarray(np.arctan2(across, np.sum(predicted * where.end, axis=1)))
 
 
+def errors_before(moves: Moves, stills: Stills, track: BiasTrack) -> FloatArray:
+    """Return the direction errors (n,) of nominal gains, with the rest bias taken off [rad]."""
+    nominal = Affine.identity()
+    where = gravity_directions(stills, moves, nominal, track)
+    return direction_errors(moves, where, nominal.K, track.at_stills)
+
+
+def angles_turned(moves: Moves, K: FloatArray, bias: FloatArray) -> FloatArray:
+    """Return the net angle (n,) of every move, the short way round [rad]."""
+    vectors = rotation.to_rotation_vector(integrate(moves, K, bias))
+    return np.asarray(np.linalg.norm(vectors, axis=1))
+
+
 def fit_directions(
     moves: Moves,
     stills: Stills,

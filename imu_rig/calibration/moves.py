@@ -82,11 +82,11 @@ class Moves:
 
 
 def moves_between(
-    block: ImuBlock, stills: Stills, bias: FloatArray, bad_rows: BoolArray | None = None
+    block: ImuBlock, stills: Stills, bias: FloatArray, bad: BoolArray | None = None
 ) -> Moves:
     """Collect the moves between neighbouring stills that can be integrated.
 
-    A move that spans a gap in the samples, lasts longer than `LONGEST_S` or contains a bad row
+    A move that spans a gap in the samples, lasts longer than `LONGEST_S` or contains a bad reading
     is left out.
 
     Parameters
@@ -97,8 +97,8 @@ def moves_between(
         Its ``m`` still intervals.
     bias : shape (m, 3)
         Raw gyroscope bias at each still [rad/s].
-    bad_rows : shape (n,), optional
-        Rows at the gyroscope's range limit.
+    bad : shape (n, 3), optional
+        Readings at the gyroscope's range limit.
     """
     holes = gaps(block.t)
     first, rates, steps, shares = [], [], [], []
@@ -106,7 +106,7 @@ def moves_between(
         a, b = int(stills.stop[i]) - 1, int(stills.start[i + 1])
         if np.any((holes >= a) & (holes < b)) or block.t[b] - block.t[a] > LONGEST_S:
             continue
-        if bad_rows is not None and np.any(bad_rows[a : b + 1]):
+        if bad is not None and np.any(bad[a : b + 1]):
             continue
         t, w = block.t[a : b + 1], block.gyro[a : b + 1]
         first.append(i)

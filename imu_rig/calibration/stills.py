@@ -6,7 +6,7 @@ An accelerometer alone calls a slow turn about the vertical still; the gyroscope
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -77,6 +77,10 @@ class Stills:
     def __len__(self) -> int:
         """Return the number of stills."""
         return int(self.start.shape[0])
+
+    def only(self, keep: BoolArray) -> Stills:
+        """Return the stills that ``keep`` (m,) marks."""
+        return Stills(**{f.name: getattr(self, f.name)[keep] for f in fields(self)})
 
     def windows(self) -> FloatArray:
         """Begin and end of every still [s], shape (m, 2), as `summarize` takes them."""

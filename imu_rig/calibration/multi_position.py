@@ -1,0 +1,259 @@
+"""Calibration without known angles: gravity's magnitude in still poses, its direction over moves.
+
+Works on a recording made by hand (Tedaldi and others 2014) as on a jig's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+from imu_rig.calibration.advice import poses_to_add
+from imu_rig.calibration.direction import (
+    DirectionFit,
+    angles_turned,
+    errors_before,
+    fit_directions,
+)
+from imu_rig.calibration.gyro_bias import BiasTrack, track_bias
+from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
+from imu_rig.calibration.model import AXES, PhysicalFigures, physical_figures
+from imu_rig.calibration.moves import Moves, moves_between
+from imu_rig.calibration.session import AccelOutcome, GyroOutcome, Outcome, Session
+from imu_rig.calibration.suspicion import describe_axes, match_gyro
+from imu_rig.errors import DataError
+from imu_rig.units import DEG, MILLI_G
+
+COMFORTABLE_POSES = 16
+"""Fewer poses leave the fit fragile: one of them decides too much."""
+LARGE_ACCEL = (0.1, 1e-3, 1.0 * MILLI_G)
+"""Standard uncertainties worth a warning: scale [%], lean [rad], bias [m/s^2]."""
+LARGE_GYRO = (0.5, 5e-3, 0.02 * DEG)
+"""The same of a gyroscope, bias in rad/s."""
+NO_ACCEL = (10.0, 0.1, 1.0)
+"""Standard uncertainties beyond which a data sheet says more: the parameter is not determined."""
+NO_GYRO = (5.0, 0.1, 1.0 * DEG)
+HOPELESS = 30.0 * DEG
+"""Median gravity-direction error of an uncalibrated gyroscope that no calibration explains."""
+LARGE_EXCESS = 0.3 * DEG
+LARGE_NOISE_SCALE = 2.5
+LARGE_WALK = 0.2 * DEG
+STRANGE_SCALE = 15.0
+"""No sensor of this kind is further off its nominal scale [%]: a unit or a rate is wrong."""
+
+
+def multi_position(session: Session) -> Outcome:
+    """Solve a session with `fit_magnitude` and `fit_directions`.
+
+    Raises
+    ------
+    DataError
+        Too few poses or too poor a spread for the accelerometer, or a gyroscope whose unit, rate
+        or axes contradict gravity. A gyroscope that was not turned enough is left out instead,
+        and a warning says which turns to add.
+    """
+    stills = session.stills
+    directions = _unit(stills.accel_mean)
+    if len(stills) < UNKNOWNS:
+        raise DataError(
+            f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
+            f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
+            f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
+        )
+    try:
+        fit = fit_magnitude(stills.accel_mean, stills.accel_sem, session.gravity.value)
+    except DataError as error:
+        raise DataError(f"{error}; {_add(directions)}") from error
+    figures = physical_figures(fit.affine)
+    free = _beyond(figures, NO_ACCEL)
+    if free:
+        raise DataError(
+            f"the {len(stills)} still poses do not determine {_list(free)} of the accelerometer; "
+            f"{_add(directions)}"
+        )
+    warnings = _accel_warnings(session, fit, figures, directions)
+    gyro: GyroOutcome | None = None
+    if session.has_gyro:
+        gyro, more = _solve_gyro(session, fit)
+        warnings += more
+    else:
+        warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
+    accel = AccelOutcome(fit.affine, fit.sigma, fit.left_out, fit.left_out_sigma)
+    return Outcome("sensor", accel, gyro, tuple(warnings))
+
+
+def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | None, list[str]]:
+    stills = session.stills
+    track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
+    moves = moves_between(session.block, stills, track.at_stills, session.gyro_bad)
+    refuse_wrong_gyro(moves, track.at_stills)
+    turns = (
+        "turn it by 90 to 180 degrees between still poses about each of its axes while that "
+        "axis is level"
+    )
+    try:
+        fit = fit_directions(moves, stills, accel.affine, track, np.eye(3))
+    except DataError as error:
+        return None, [f"The gyroscope was not calibrated: {error}; {turns}."]
+    figures = physical_figures(fit.affine, accel.affine)
+    free = _beyond(figures, NO_GYRO)
+    if free:
+        axes = sorted({name[-1] if name.startswith("scale") else name[5] for name in free})
+        return None, [
+            f"The gyroscope was not calibrated because the moves do not determine its "
+            f"{_list(free)}: turn it by 90 to 180 degrees between still poses about "
+            f"{_list(axes)} while that axis is level."
+        ]
+    outcome = GyroOutcome(
+        affine=fit.affine,
+        first=moves.first,
+        last=moves.last,
+        angle=angles_turned(moves, fit.affine.K, track.at_stills),
+        before=errors_before(moves, stills, track),
+        after=fit.error,
+        held_out=fit.held_out,
+        sigma=fit.sigma,
+    )
+    return outcome, _gyro_warnings(session, moves, track, fit, figures)
+
+
+def refuse_wrong_gyro(moves: Moves, bias: FloatArray) -> None:
+    """Refuse a gyroscope whose unit, rate or axes contradict the gravity directions.
+
+    Raises
+    ------
+    DataError
+        Saying what the data look like instead.
+    """
+    match = match_gyro(moves, bias)
+    if not match.conclusive:
+        return
+    off = f"gyroscope and gravity disagree by {match.error / DEG:.0f} degrees in a typical move"
+    if match.factor in (1.0 / DEG, DEG):
+        units = "deg/s, not rad/s" if match.factor == DEG else "rad/s, not deg/s"
+        raise DataError(f"{off}, and agree if the rates are in {units}: state the right unit")
+    if match.factor != 1.0:
+        times = f"{match.factor:g}" if match.factor >= 1 else f"1/{1 / match.factor:g}"
+        raise DataError(
+            f"{off}, and agree if every turn was {times} times as large: the sample rate or the "
+            "gyroscope's range setting is wrong by that factor, so correct it"
+        )
+    if not np.array_equal(match.axes, np.eye(3)):
+        raise DataError(
+            f"{off}, and agree if the gyroscope's x, y, z are the accelerometer's "
+            f"{describe_axes(match.axes)}: correct the order and signs of its columns"
+        )
+    # A few percent of gain and lean stay far below this; nothing simple explains it.
+    if match.error > HOPELESS:
+        raise DataError(
+            f"{off}: check the gyroscope's unit, its axes and the sample rate; they cannot be "
+            "calibrated against each other like this"
+        )
+
+
+def _accel_warnings(
+    session: Session, fit: MagnitudeFit, figures: PhysicalFigures, directions: FloatArray
+) -> list[str]:
+    warnings = []
+    count = int(fit.used.sum())
+    large = _beyond(figures, LARGE_ACCEL)
+    if count < COMFORTABLE_POSES:
+        warnings.append(
+            f"{count} poses for nine accelerometer parameters leave the fit fragile "
+            f"({count - UNKNOWNS} to spare, {COMFORTABLE_POSES - UNKNOWNS} advised): standard "
+            f"uncertainties reach {_largest(figures, 'accel')}; {_add(directions)}."
+        )
+    elif large:
+        warnings.append(
+            f"The poses determine {_list(large)} of the accelerometer poorly: standard "
+            f"uncertainties reach {_largest(figures, 'accel')}; {_add(directions)}."
+        )
+    for i in np.flatnonzero(~fit.used):
+        times = abs(fit.left_out[i] / fit.left_out_sigma[i])
+        warnings.append(
+            f"The pose {session.names[i].removeprefix('pose ')} was set aside: its gravity is off "
+            f"by {fit.left_out[i] / MILLI_G:.2f} mg, {times:.0f} times what noise and parameters "
+            "explain."
+        )
+    if fit.noise_scale > LARGE_NOISE_SCALE:
+        warnings.append(
+            f"The poses disagree with each other {fit.noise_scale:.1f} times as much as the noise "
+            "within them explains: a sensor that warms up, is not linear, or was not at rest."
+        )
+    warnings += _strange_scale(figures, "accelerometer", "its unit")
+    return warnings
+
+
+def _gyro_warnings(
+    session: Session, moves: Moves, track: BiasTrack, fit: DirectionFit, figures: PhysicalFigures
+) -> list[str]:
+    warnings = []
+    large = _beyond(figures, LARGE_GYRO)
+    if large:
+        warnings.append(
+            f"{int(fit.used.sum())} usable moves determine {_list(large)} of the gyroscope poorly: "
+            f"standard uncertainties reach {_largest(figures, 'gyro')}; add turns of 90 to 180 "
+            "degrees about each axis while it is level."
+        )
+    for i in np.flatnonzero(~fit.used):
+        warnings.append(
+            f"The move from {session.names[moves.first[i]]} to {session.names[moves.last[i]]} was "
+            f"set aside: gravity ends {fit.error[i] / DEG:.2f} degrees from where it should."
+        )
+    if fit.excess > LARGE_EXCESS:
+        warnings.append(
+            f"The moves scatter by {fit.excess / DEG:.2f} degrees beyond noise: turns too fast "
+            "for the gyroscope, or a sensor that slipped in its mount."
+        )
+    span = float(np.ptp(track.at_stills, axis=0).max())
+    if span > LARGE_WALK:
+        warnings.append(
+            f"The gyroscope's bias walked by {span / DEG:.2f} deg/s during the session; the "
+            "certificate states its mean, so let the sensor warm up first."
+        )
+    warnings += _strange_scale(figures, "gyroscope", "its unit, range setting or the sample rate")
+    return warnings
+
+
+def _strange_scale(figures: PhysicalFigures, sensor: str, suspects: str) -> list[str]:
+    worst = int(np.argmax(np.abs(figures.scale_percent)))
+    if abs(figures.scale_percent[worst]) < STRANGE_SCALE:
+        return []
+    return [
+        f"Axis {AXES[worst]} of the {sensor} is {figures.scale_percent[worst]:+.0f} % off its "
+        f"nominal scale, more than such a sensor should be: check {suspects}."
+    ]
+
+
+def _add(directions: FloatArray) -> str:
+    return f"add poses with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
+
+
+def _named(figures: PhysicalFigures) -> list[tuple[str, int, float]]:
+    """Name, kind (scale, lean, bias) and standard uncertainty of every figure."""
+    return [
+        *((f"scale {a}", 0, float(u)) for a, u in zip(AXES, figures.scale_percent_u, strict=True)),
+        *(
+            (f"lean {n}", 1, float(u))
+            for n, u in zip(figures.cross_names, figures.cross_rad_u, strict=True)
+        ),
+        *((f"bias {a}", 2, float(u)) for a, u in zip(AXES, figures.bias_u, strict=True)),
+    ]
+
+
+def _beyond(figures: PhysicalFigures, bounds: tuple[float, float, float]) -> list[str]:
+    return [name for name, kind, u in _named(figures) if u > bounds[kind]]
+
+
+def _largest(figures: PhysicalFigures, sensor: str) -> str:
+    scale, lean, bias = (max(u for _, k, u in _named(figures) if k == kind) for kind in (0, 1, 2))
+    bias_text = f"{bias / MILLI_G:.2g} mg" if sensor == "accel" else f"{bias / DEG:.2g} deg/s"
+    return f"{scale:.2g} % in scale, {lean * 1e3:.2g} mrad in lean and {bias_text} in bias"
+
+
+def _list(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def _unit(v: FloatArray) -> FloatArray:
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

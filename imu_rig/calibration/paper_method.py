@@ -1,0 +1,137 @@
+"""The paper's solver as a method of the front door: commanded poses in, outcome out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+from imu_rig.calibration.direction import (
+    angles_turned,
+    direction_errors,
+    errors_before,
+    gravity_directions,
+)
+from imu_rig.calibration.gyro_bias import track_bias
+from imu_rig.calibration.model import Affine
+from imu_rig.calibration.moves import moves_between
+from imu_rig.calibration.paper import (
+    Model,
+    PaperFit,
+    integrated_turn,
+    paper_accelerometer,
+    paper_gyroscope,
+)
+from imu_rig.calibration.session import (
+    AccelOutcome,
+    CommandedPoses,
+    GyroOutcome,
+    Outcome,
+    Session,
+)
+from imu_rig.errors import DataError, InputError
+
+FOLDS = 10
+
+
+def paper(session: Session) -> Outcome:
+    """Solve with the full gain matrix of equations (5) and (6)."""
+    return _solve(session, "full")
+
+
+def paper_diagonal(session: Session) -> Outcome:
+    """Solve with gain and offset per axis only."""
+    return _solve(session, "diagonal")
+
+
+def _solve(session: Session, model: Model) -> Outcome:
+    if session.commanded is None:
+        raise InputError(
+            "the paper's solver needs the angles that the jig was told to take; this recording "
+            "has none, so use the method multi-position"
+        )
+    stills = session.stills
+    gravity = session.commanded.gravity(session.gravity.value)
+    fit = paper_accelerometer(stills.accel_mean, gravity, model)
+    accel = _accel_outcome(session, fit, gravity, model)
+    if not session.has_gyro:
+        return Outcome("jig", accel, None)
+    gyro, warnings = _gyro(session, session.commanded, fit.affine, model)
+    return Outcome("jig", accel, gyro, warnings)
+
+
+def _accel_outcome(
+    session: Session, fit: PaperFit, gravity: FloatArray, model: Model
+) -> AccelOutcome:
+    means, sems = session.stills.accel_mean, session.stills.accel_sem
+    along = gravity / session.gravity.value
+    sigma = np.sqrt(np.sum((along @ fit.affine.K * sems) ** 2, axis=1))
+    left_out = np.full(len(means), np.nan)
+    left_out_sigma = np.full(len(means), np.nan)
+    for i in range(len(means)):
+        others = np.arange(len(means)) != i
+        try:
+            affine = paper_accelerometer(means[others], gravity[others], model).affine
+        except DataError:
+            continue
+        left_out[i] = np.linalg.norm(affine.apply(means[i])) - session.gravity.value
+        row = np.concatenate((np.kron(along[i], means[i]), -along[i]))
+        left_out_sigma[i] = np.sqrt(row @ affine.covariance @ row + sigma[i] ** 2)
+    return AccelOutcome(fit.affine, sigma, left_out, left_out_sigma, fit.residual)
+
+
+def _gyro(
+    session: Session, commanded: CommandedPoses, accel: Affine, model: Model
+) -> tuple[GyroOutcome | None, tuple[str, ...]]:
+    stills, block = session.stills, session.block
+    track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
+    moves = moves_between(block, stills, track.at_stills, session.gyro_bad)
+    turns, durations, theta = [], [], []
+    for first, last in zip(moves.first, moves.last, strict=True):
+        rows = slice(int(stills.stop[first]) - 1, int(stills.start[last]) + 1)
+        turn, duration = integrated_turn(block.t[rows], block.gyro[rows])
+        known = commanded.turn(int(first), int(last))
+        neighbours = session.order[last] == session.order[first] + 1
+        turns.append(turn)
+        durations.append(duration)
+        theta.append(known if known is not None and neighbours else np.full(3, np.nan))
+    u, T, known_theta = np.array(turns), np.array(durations), np.array(theta).reshape(-1, 3)
+    single = np.isfinite(known_theta).all(axis=1)
+    try:
+        fit = paper_gyroscope(u[single], T[single], known_theta[single], model)
+    except DataError as error:
+        return None, (
+            f"The gyroscope was not calibrated: {error}; turn one servo at a time, each of the "
+            "three both ways.",
+        )
+    where = gravity_directions(stills, moves, accel, track)
+    zero = np.zeros_like(track.at_stills)
+    held_out = np.full(len(moves), np.nan)
+    fold = np.arange(len(moves)) % FOLDS
+    for k in range(FOLDS):
+        kept = single & (fold != k)
+        try:
+            affine = paper_gyroscope(u[kept], T[kept], known_theta[kept], model).affine
+        except DataError:
+            continue
+        errors = direction_errors(moves, where, affine.K, zero + raw_bias(affine))
+        held_out[fold == k] = errors[fold == k]
+    vector = np.full((len(moves), 3), np.nan)
+    vector[single] = fit.residual
+    after = direction_errors(moves, where, fit.affine.K, zero + raw_bias(fit.affine))
+    outcome = GyroOutcome(
+        affine=fit.affine,
+        first=moves.first,
+        last=moves.last,
+        angle=angles_turned(moves, fit.affine.K, zero + raw_bias(fit.affine)),
+        before=errors_before(moves, stills, track),
+        after=after,
+        held_out=held_out,
+        sigma=np.sqrt(where.variance),
+        vector_error=vector,
+    )
+    return outcome, ()
+
+
+def raw_bias(affine: Affine) -> FloatArray:
+    """Return the raw reading (3,) at zero input."""
+    return affine.undo(np.zeros(3))

@@ -1,0 +1,157 @@
+"""What a solver is given and what it returns, the same for every method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig import rotation
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.model import Affine
+from imu_rig.calibration.stills import Stills
+from imu_rig.errors import InputError
+from imu_rig.units import DEG
+
+
+@dataclass(frozen=True, eq=False)
+class CommandedPoses:
+    """Angles that a jig was told to take, one row per still window.
+
+    Attributes
+    ----------
+    angles_deg : shape (m, 3)
+        Pan, tilt and roll [deg]; turns beyond 180 deg count as they are.
+    names : tuple of str
+        A name per pose; ``"pose 1"`` and so on where empty.
+    """
+
+    angles_deg: FloatArray
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        angles = np.asarray(self.angles_deg, dtype=float)
+        if angles.ndim != 2 or angles.shape[1] != 3 or not np.all(np.isfinite(angles)):
+            raise InputError("commanded angles must be three numbers (pan, tilt, roll) per pose")
+        if self.names and len(self.names) != len(angles):
+            raise InputError(f"{len(self.names)} pose names stand for {len(angles)} poses")
+        object.__setattr__(self, "angles_deg", angles)
+
+    def gravity(self, magnitude: float) -> FloatArray:
+        """Gravity reaction in sensor axes (m, 3) of an ideal jig [m/s^2]."""
+        pan, tilt, roll = self.angles_deg.T * DEG
+        A = rotation.about_z(pan) @ rotation.about_y(tilt) @ rotation.about_x(roll)
+        return np.asarray(A[:, 2, :] * magnitude)
+
+    def turn(self, first: int, last: int) -> FloatArray | None:
+        """Rotation vector (3,) in sensor axes [rad] from one pose to another.
+
+        None where more than one servo moved: that is no turn about one fixed axis.
+        """
+        change = (self.angles_deg[last] - self.angles_deg[first]) * DEG
+        moved = np.flatnonzero(np.abs(change) > 1e-9)
+        if len(moved) != 1:
+            return None
+        _, tilt, roll = self.angles_deg[first] * DEG
+        tilted = rotation.about_y(tilt) @ rotation.about_x(roll)
+        axes = (tilted[2], rotation.about_x(roll)[1], np.array([1.0, 0.0, 0.0]))
+        axis = int(moved[0])
+        return np.asarray(axes[axis] * change[axis])
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A recording made ready for a solver.
+
+    Attributes
+    ----------
+    block : ImuBlock
+        The recording.
+    stills : Stills
+        Its ``m`` usable still poses, in time order.
+    names : tuple of str
+        A name per still.
+    order : shape (m,)
+        Place of each still among all poses, usable or not: neighbours differ by one.
+    gravity : Gravity
+        Local gravity.
+    commanded : CommandedPoses or None
+        Commanded angles of these stills.
+    gyro_bad : shape (n,)
+        Rows of the block at the gyroscope's range limit.
+    has_gyro : bool
+        Whether the gyroscope shows anything at all.
+    """
+
+    block: ImuBlock
+    stills: Stills
+    names: tuple[str, ...]
+    order: IntArray
+    gravity: Gravity
+    commanded: CommandedPoses | None
+    gyro_bad: BoolArray
+    has_gyro: bool
+
+
+@dataclass(frozen=True, eq=False)
+class AccelOutcome:
+    """A solved accelerometer over ``m`` poses; NaN where something is not known.
+
+    Attributes
+    ----------
+    affine : Affine
+        The model.
+    sigma : shape (m,)
+        Standard uncertainty of each mean along gravity [m/s^2].
+    left_out, left_out_sigma : shape (m,)
+        Magnitude error of a pose that the fit never saw, and its predicted sigma [m/s^2].
+    vector_error : shape (m, 3) or None
+        Error against the commanded gravity vector [m/s^2].
+    """
+
+    affine: Affine
+    sigma: FloatArray
+    left_out: FloatArray
+    left_out_sigma: FloatArray
+    vector_error: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GyroOutcome:
+    """A solved gyroscope over ``n`` moves; NaN where something is not known.
+
+    Attributes
+    ----------
+    affine : Affine
+        The model.
+    first, last : shape (n,)
+        Stills at the ends of each move.
+    angle, before, after, held_out : shape (n,)
+        Net angle turned, and errors of the gravity direction [rad].
+    sigma : shape (n,)
+        Standard uncertainty per axis of the direction [rad].
+    vector_error : shape (n, 3) or None
+        Error against the commanded rotation vector [rad].
+    """
+
+    affine: Affine
+    first: IntArray
+    last: IntArray
+    angle: FloatArray
+    before: FloatArray
+    after: FloatArray
+    held_out: FloatArray
+    sigma: FloatArray
+    vector_error: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a method found: one or two sensors, the frame of K, and sentences for the user."""
+
+    frame: str
+    accel: AccelOutcome
+    gyro: GyroOutcome | None
+    warnings: tuple[str, ...] = ()

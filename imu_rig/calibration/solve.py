@@ -1,0 +1,280 @@
+"""The front door of calibration: a recording in, a result with its evidence out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.multi_position import multi_position
+from imu_rig.calibration.paper_method import paper, paper_diagonal
+from imu_rig.calibration.result import (
+    CalibrationResult,
+    DeviceInfo,
+    ErrorStages,
+    ErrorSummary,
+    MoveRow,
+    PoseRow,
+)
+from imu_rig.calibration.session import CommandedPoses, Outcome, Session
+from imu_rig.calibration.stills import Stills, find_stills, gaps, sample_rate, summarize
+from imu_rig.calibration.suspicion import at_limit
+from imu_rig.errors import DataError, InputError
+
+METHODS: dict[str, Callable[[Session], Outcome]] = {
+    "multi-position": multi_position,
+    "paper": paper,
+    "paper-diagonal": paper_diagonal,
+}
+"""Every solver by the name that options and certificates use."""
+
+DEFAULT_METHOD = "multi-position"
+SATURATED_SHARE = 0.05
+"""Part of a still's samples at the range limit beyond which its mean is worthless."""
+MOVED = 8.0
+"""Drift within a still, in its own standard errors, that means it moved."""
+WARMED_C = 3.0
+PLAUSIBLE_REST = (0.7, 1.4)
+"""What an uncalibrated accelerometer may read at rest, over gravity."""
+
+
+def solve(
+    block: ImuBlock,
+    windows: Sequence[tuple[float, float]] | FloatArray | None = None,
+    *,
+    method: str = DEFAULT_METHOD,
+    gravity: Gravity | float | None = None,
+    commanded: CommandedPoses | None = None,
+    device: DeviceInfo | None = None,
+    accel_limit: float | None = None,
+    gyro_limit: float | None = None,
+) -> CalibrationResult:
+    """Calibrate accelerometer and gyroscope from a recording of still poses and moves.
+
+    Parameters
+    ----------
+    block : ImuBlock
+        The recording, nominally scaled.
+    windows : shape (m, 2), optional
+        Begin and end of every still [s] on ``block.t``, settling cut off; found automatically
+        where not given.
+    method : str
+        A name in `METHODS`.
+    gravity : Gravity or float, optional
+        Local gravity, a number in m/s^2; standard gravity by default, which the result states.
+    commanded : CommandedPoses, optional
+        Angles the jig was told to take, one row per window; needs ``windows``.
+    device : DeviceInfo, optional
+        Which sensor.
+    accel_limit, gyro_limit : float, optional
+        Range limits [m/s^2, rad/s]; recognized by repeated extremes where not given.
+
+    Raises
+    ------
+    DataError
+        Data that cannot determine the calibration, with what to record in addition.
+    InputError
+        Arguments that do not fit each other.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
+    local = Gravity.given(gravity) if isinstance(gravity, float | int) else gravity or Gravity()
+    session, warnings = _prepare(block, windows, local, commanded, accel_limit, gyro_limit)
+    outcome = METHODS[method](session)
+    return _result(session, outcome, method, device or DeviceInfo(), warnings)
+
+
+def _prepare(
+    block: ImuBlock,
+    windows: Sequence[tuple[float, float]] | FloatArray | None,
+    gravity: Gravity,
+    commanded: CommandedPoses | None,
+    accel_limit: float | None,
+    gyro_limit: float | None,
+) -> tuple[Session, list[str]]:
+    if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
+        raise DataError("the recording holds values that are not numbers")
+    if commanded is not None and (windows is None or len(commanded.angles_deg) != len(windows)):
+        raise InputError(
+            "commanded angles need one still window each: give as many windows as poses"
+        )
+    stills = find_stills(block) if windows is None else summarize(block, windows)
+    names = tuple(f"pose {i + 1}" for i in range(len(stills)))
+    if commanded is not None and commanded.names:
+        names = commanded.names
+    warnings = _moved(stills, names)
+    accel_bad, gyro_bad = at_limit(block.accel, accel_limit), at_limit(block.gyro, gyro_limit)
+    usable = _unsaturated(block, stills, names, accel_bad, warnings)
+    if gyro_bad.any():
+        warnings.append(_gyro_saturation(gyro_bad))
+    holes = len(gaps(block.t))
+    if holes:
+        warnings.append(f"The recording has {holes} gap(s) in its samples; no still spans one.")
+    if block.temperature is not None and float(np.ptp(block.temperature)) > WARMED_C:
+        warnings.append(
+            f"The sensor's temperature changed by {np.ptp(block.temperature):.1f} degC during the "
+            "recording: let it warm up first."
+        )
+    kept = stills.only(usable)
+    _plausible_rest(kept, gravity)
+    session = Session(
+        block=block,
+        stills=kept,
+        names=tuple(name for name, keep in zip(names, usable, strict=True) if keep),
+        order=np.flatnonzero(usable),
+        gravity=gravity,
+        commanded=_commanded_of(commanded, usable),
+        gyro_bad=gyro_bad,
+        has_gyro=bool(np.any(np.ptp(block.gyro, axis=0) > 0)),
+    )
+    return session, warnings
+
+
+def _moved(stills: Stills, names: tuple[str, ...]) -> list[str]:
+    return [
+        f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s)."
+        for i in np.flatnonzero(stills.drift > MOVED)
+    ]
+
+
+def _unsaturated(
+    block: ImuBlock,
+    stills: Stills,
+    names: tuple[str, ...],
+    bad: BoolArray,
+    warnings: list[str],
+) -> BoolArray:
+    usable = np.ones(len(stills), dtype=bool)
+    for i, (start, stop) in enumerate(zip(stills.start, stills.stop, strict=True)):
+        share = bad[start:stop].mean(axis=0)
+        axis = int(np.argmax(share))
+        if share[axis] > SATURATED_SHARE:
+            usable[i] = False
+            extreme = float(np.abs(block.accel[start:stop, axis]).max())
+            warnings.append(
+                f"Axis {'xyz'[axis]} of the accelerometer is at its range limit "
+                f"({extreme:.2f} m/s^2) in {names[i]}, which was left out: choose a larger range."
+            )
+    return usable
+
+
+def _gyro_saturation(bad: BoolArray) -> str:
+    counts = bad.sum(axis=0)
+    parts = [f"{int(n)} of {axis}" for n, axis in zip(counts, "xyz", strict=True) if n]
+    return (
+        f"The gyroscope is at its range limit in some samples ({', '.join(parts)}); those moves "
+        "were left out: turn more slowly or choose a larger range."
+    )
+
+
+def _plausible_rest(stills: Stills, gravity: Gravity) -> None:
+    if not len(stills):
+        raise DataError("no still pose is usable: the accelerometer is at its range limit in all")
+    rest = float(np.median(np.linalg.norm(stills.accel_mean, axis=1)))
+    low, high = (gravity.value * f for f in PLAUSIBLE_REST)
+    if not low < rest < high:
+        raise DataError(
+            f"at rest the accelerometer reads {rest:.4g} m/s^2, but gravity is "
+            f"{gravity.value:.2f}: its unit or range setting is wrong"
+        )
+
+
+def _commanded_of(commanded: CommandedPoses | None, usable: BoolArray) -> CommandedPoses | None:
+    if commanded is None:
+        return None
+    names = tuple(n for n, keep in zip(commanded.names, usable, strict=False) if keep)
+    return CommandedPoses(commanded.angles_deg[usable], names)
+
+
+def _result(
+    session: Session,
+    outcome: Outcome,
+    method: str,
+    device: DeviceInfo,
+    warnings: list[str],
+) -> CalibrationResult:
+    block, g = session.block, session.gravity.value
+    poses, moves = _poses(session, outcome), _moves(session, outcome)
+    held_out = np.array([np.nan if p.left_out is None else p.left_out for p in poses])
+    gyro_held = np.array([np.nan if m.held_out_rad is None else m.held_out_rad for m in moves])
+    temperature = block.temperature
+    return CalibrationResult(
+        method=method,
+        device=device,
+        gravity=session.gravity,
+        frame=outcome.frame,
+        accel=outcome.accel.affine,
+        gyro=None if outcome.gyro is None else outcome.gyro.affine,
+        poses=poses,
+        moves=moves,
+        accel_errors=ErrorStages(
+            ErrorSummary.of(np.linalg.norm(session.stills.accel_mean, axis=1) - g),
+            ErrorSummary.of(np.array([p.after for p in poses])),
+            ErrorSummary.of(held_out),
+        ),
+        gyro_errors=ErrorStages(
+            ErrorSummary.of(np.array([m.before_rad for m in moves])),
+            ErrorSummary.of(np.array([m.after_rad for m in moves])),
+            ErrorSummary.of(gyro_held),
+        ),
+        rate_hz=sample_rate(block.t),
+        duration_s=float(block.t[-1] - block.t[0]),
+        temperature_c=(
+            None if temperature is None else (float(temperature.min()), float(temperature.max()))
+        ),
+        warnings=(*warnings, *outcome.warnings),
+    )
+
+
+def _poses(session: Session, outcome: Outcome) -> tuple[PoseRow, ...]:
+    stills, accel, g = session.stills, outcome.accel, session.gravity.value
+    calibrated = accel.affine.apply(stills.accel_mean)
+    size = np.linalg.norm(calibrated, axis=1)
+    raw = np.linalg.norm(stills.accel_mean, axis=1)
+    angles = None if session.commanded is None else session.commanded.angles_deg.tolist()
+    return tuple(
+        PoseRow(
+            name=session.names[i],
+            t0=float(stills.t0[i]),
+            t1=float(stills.t1[i]),
+            count=int(stills.count[i]),
+            direction=calibrated[i] / size[i],
+            before=float(raw[i] - g),
+            after=float(size[i] - g),
+            sigma=float(accel.sigma[i]),
+            left_out=_known(accel.left_out[i]),
+            left_out_sigma=_known(accel.left_out_sigma[i]),
+            commanded_deg=None if angles is None else tuple(angles[i]),
+            vector_error=None if accel.vector_error is None else accel.vector_error[i],
+        )
+        for i in range(len(stills))
+    )
+
+
+def _moves(session: Session, outcome: Outcome) -> tuple[MoveRow, ...]:
+    gyro = outcome.gyro
+    if gyro is None:
+        return ()
+    rows = []
+    for i in range(len(gyro.first)):
+        vector = None if gyro.vector_error is None else gyro.vector_error[i]
+        rows.append(
+            MoveRow(
+                start=session.names[gyro.first[i]],
+                stop=session.names[gyro.last[i]],
+                angle_rad=float(gyro.angle[i]),
+                before_rad=float(gyro.before[i]),
+                after_rad=float(gyro.after[i]),
+                held_out_rad=_known(gyro.held_out[i]),
+                sigma_rad=_known(gyro.sigma[i]),
+                vector_error=None if vector is None or np.isnan(vector).any() else vector,
+            )
+        )
+    return tuple(rows)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
