@@ -79,8 +79,12 @@ class SequenceCounter:
     def _add_forward(self, steps: Numbers, last_row: AnyArray) -> None:
         total = int(steps.sum())
         self.lost += total - len(steps)
-        for step in steps[-LATE_WINDOW - 1 :].tolist():
-            self._advance(step)
+        recent = steps[-LATE_WINDOW - 1 :]
+        if len(recent) > LATE_WINDOW and total == len(steps):
+            self._seen, self._missing = _WINDOW_BITS, 0
+        else:
+            for step in recent.tolist():
+                self._advance(step)
         self._newest = (self._newest + total) & (self._modulus - 1)
         self._newest_row = last_row
 
