@@ -9,6 +9,7 @@ the record (Moon, Skelly and Towsley 1999). A constant part of the delay is invi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,7 +124,7 @@ def _fit_minima(
 
 def _noise(late: FloatArray) -> float:
     """Estimate how late the least late packet was [s], from the least late ones of the bins."""
-    return float(np.median(late) - late.min()) * len(late) ** MINIMUM_POWER
+    return float(np.median(late) - late.min()) * math.pow(len(late), MINIMUM_POWER)
 
 
 def _middle_slope(x: FloatArray, y: FloatArray) -> float:

@@ -1,0 +1,1 @@
+"""Drivers: ports, inertial sensors, the servo controller and the jig it moves."""

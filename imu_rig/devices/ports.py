@@ -1,0 +1,347 @@
+"""Serial ports and what stands in for them, with errors a person can act on.
+
+The only module that knows pyserial. Whatever pyserial, the driver or the kernel raise becomes a
+`PortError` while a port is being opened and a `DeviceLost` afterwards, in one sentence that names
+the port.
+
+Opening sets DTR and RTS as pyserial does by default, both on: boards of the Arduino kind take
+that for a reset and begin to send a second or two later.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import stat
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import serial
+from serial.tools import list_ports
+
+from imu_rig.errors import DeviceLost, PortError
+
+try:
+    import grp
+    import termios
+
+    _TERMIOS_ERRORS: tuple[type[Exception], ...] = (termios.error,)
+except ImportError:  # not a POSIX system
+    grp = None  # type: ignore[assignment]  # absent on Windows only
+    _TERMIOS_ERRORS = ()
+
+DEFAULT_BAUD = 115_200
+CHUNK_BYTES = 65_536  # that one read returns at most
+
+# Constants of time.
+READ_S = 0.05  # that a read waits for the first byte
+WRITE_S = 0.5  # until a device that takes no bytes is called lost
+CONNECT_S = 3.0  # for a network port to answer
+
+MAESTRO_VENDOR = 0x1FFB
+
+# SerialException is an OSError
+_FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, *_TERMIOS_ERRORS)
+
+
+@dataclass(frozen=True)
+class SeenPort:
+    """A serial port that the system lists.
+
+    Attributes
+    ----------
+    url : str
+        What to open: "/dev/ttyACM0", "COM7".
+    description : str
+        What its driver calls it; empty where it says nothing.
+    vendor, product : int or None
+        USB identification.
+    serial_number : str or None
+    """
+
+    url: str
+    description: str
+    vendor: int | None
+    product: int | None
+    serial_number: str | None
+
+    @property
+    def is_maestro(self) -> bool:
+        """Whether this is one of the two ports of a Pololu device."""
+        return self.vendor == MAESTRO_VENDOR
+
+
+def seen_ports() -> list[SeenPort]:
+    """List the serial ports of this machine; simulated ones (pseudo-terminals) are not among them.
+
+    Returns
+    -------
+    list of SeenPort
+        Sorted by name.
+    """
+    found = []
+    for port in list_ports.comports():
+        description = "" if port.description in (None, "n/a") else str(port.description)
+        found.append(SeenPort(port.device, description, port.vid, port.pid, port.serial_number))
+    return sorted(found, key=lambda seen: seen.url)
+
+
+class Port(ABC):
+    """An open port. One thread may read while another writes.
+
+    Attributes
+    ----------
+    url : str
+        What it was opened by.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._open = True
+
+    def read(self, timeout_s: float = READ_S) -> bytes:
+        """Wait for the first byte at most ``timeout_s`` and return all that is there.
+
+        Raises
+        ------
+        DeviceLost
+            If the port has gone.
+        """
+        with self._translated("read"):
+            return self._read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        """Write all of ``data``.
+
+        Raises
+        ------
+        DeviceLost
+            If the port has gone or takes no bytes.
+        """
+        with self._translated("write"):
+            self._write(data)
+
+    def close(self) -> None:
+        """Close the port; a closed or vanished one may be closed again."""
+        if self._open:
+            self._open = False
+            self._close()
+
+    @contextmanager
+    def _translated(self, verb: str) -> Iterator[None]:
+        if not self._open:
+            raise DeviceLost(f"Port {self.url} is closed.")
+        try:
+            yield
+        except serial.SerialTimeoutException as error:
+            raise DeviceLost(
+                f"{self.url} takes no bytes: the device behind it does not read; "
+                "check its power and that this is its port."
+            ) from error
+        except _FAILURES as error:
+            raise DeviceLost(
+                f"{self.url} has gone ({verb} failed): the device was unplugged, switched off or "
+                "is out of reach."
+            ) from error
+
+    @abstractmethod
+    def _read(self, timeout_s: float) -> bytes: ...
+
+    @abstractmethod
+    def _write(self, data: bytes) -> None: ...
+
+    @abstractmethod
+    def _close(self) -> None: ...
+
+
+def open_port(url: str, *, baud: int = DEFAULT_BAUD) -> Port:
+    """Open a serial port for this process alone.
+
+    Parameters
+    ----------
+    url : str
+        A device ("/dev/ttyACM0", "COM7"), "socket://host:port", or any other URL that pyserial
+        knows ("rfc2217://", "spy://", "loop://").
+    baud : int
+        Bits per second; without meaning for USB, Bluetooth and network ports.
+
+    Raises
+    ------
+    PortError
+        If there is no such port, or it may not be opened, or is in use.
+    """
+    if urlsplit(url).scheme == "socket":
+        return _SocketPort(url)
+    _check_device_file(url)
+    try:
+        opened = serial.serial_for_url(
+            url, baudrate=baud, timeout=0, write_timeout=WRITE_S, exclusive=True
+        )
+    except _FAILURES as error:
+        raise PortError(_why_not_opened(url, baud, error)) from error
+    return _SerialPort(url, opened)
+
+
+class _SerialPort(Port):
+    """A port that pyserial opened."""
+
+    def __init__(self, url: str, opened: serial.Serial) -> None:
+        super().__init__(url)
+        self._serial = opened
+        try:
+            self._selectable = os.name == "posix" and isinstance(opened.fileno(), int)
+        except (OSError, AttributeError):
+            self._selectable = False
+
+    def _read(self, timeout_s: float) -> bytes:
+        if self._selectable:
+            ready, _, _ = select.select([self._serial], [], [], timeout_s)
+            return bytes(self._serial.read(CHUNK_BYTES)) if ready else b""
+        if self._serial.timeout != timeout_s:
+            self._serial.timeout = timeout_s
+        first = bytes(self._serial.read(1))
+        return first + bytes(self._serial.read(self._serial.in_waiting)) if first else b""
+
+    def _write(self, data: bytes) -> None:
+        self._serial.write(data)
+
+    def _close(self) -> None:
+        try:
+            self._serial.close()
+        except _FAILURES:
+            return  # it has gone, and its descriptor with it
+
+
+class _SocketPort(Port):
+    """A TCP connection; pyserial's own hands bytes over one by one and sleeps when closed."""
+
+    def __init__(self, url: str) -> None:
+        super().__init__(url)
+        try:
+            parts = urlsplit(url)
+            host, number = parts.hostname, parts.port
+        except ValueError:
+            host, number = None, None
+        if not host or number is None:
+            raise PortError(
+                f"{url} is no network port: write socket://HOST:PORT, for example "
+                "socket://192.168.4.1:3000."
+            )
+        try:
+            self._socket = socket.create_connection((host, number), timeout=CONNECT_S)
+        except ConnectionRefusedError as error:
+            raise PortError(
+                f"{url} refused the connection: nothing listens there; start the device or the "
+                "simulator and check host and port."
+            ) from error
+        except OSError as error:
+            raise PortError(
+                f"{url} cannot be reached ({_reason(error)}): check host, port and network."
+            ) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.settimeout(WRITE_S)
+
+    def _read(self, timeout_s: float) -> bytes:
+        ready, _, _ = select.select([self._socket], [], [], timeout_s)
+        if not ready:
+            return b""
+        data = self._socket.recv(CHUNK_BYTES)
+        if not data:
+            raise ConnectionResetError("the other end closed the connection")
+        return data
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._socket.sendall(data)
+        except TimeoutError as error:
+            raise serial.SerialTimeoutException("write timeout") from error
+
+    def _close(self) -> None:
+        self._socket.close()
+
+
+def _check_device_file(url: str) -> None:
+    """Refuse what is no device before a driver gets to see it."""
+    path = Path(url)
+    if "://" in url or not path.is_absolute():
+        return
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # opening it tells why
+    if not stat.S_ISCHR(mode):
+        kind = "a directory" if stat.S_ISDIR(mode) else "not a device"
+        raise PortError(f"{url} is {kind}, no serial port; {_ports_sentence()}")
+
+
+def _why_not_opened(url: str, baud: int, error: Exception) -> str:
+    """Say in one sentence why a port did not open and what to do."""
+    number = _errno(error)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or isinstance(error, FileNotFoundError):
+        return f"There is no port {url}: plug the device in and switch it on; {_ports_sentence()}"
+    if number in (errno.EACCES, errno.EPERM) or isinstance(error, PermissionError):
+        return _permission_sentence(url)
+    if number in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
+        return (
+            f"{url} is open in another program: close it there (a serial monitor, another "
+            "imu-rig, ModemManager) and try again."
+        )
+    if number in (errno.EHOSTDOWN, errno.ECONNREFUSED, errno.ETIMEDOUT, errno.EHOSTUNREACH):
+        return (
+            f"The Bluetooth device behind {url} does not answer: switch it on, bring it near and "
+            "see that it is paired and not connected elsewhere."
+        )
+    if number in (errno.ENOTTY, errno.EINVAL):
+        return f"{url} is no serial port or does not know {baud} baud; {_ports_sentence()}"
+    return f"{url} cannot be opened ({_reason(error)}); {_ports_sentence()}"
+
+
+def _errno(error: Exception) -> int | None:
+    """Error number of an exception or of what caused it; pyserial does not always pass it on."""
+    cause: BaseException | None = error
+    while cause is not None:
+        number: Any = getattr(cause, "errno", None)
+        if number is None and isinstance(cause, _TERMIOS_ERRORS) and cause.args:
+            number = cause.args[0]
+        if isinstance(number, int):
+            return number
+        cause = cause.__cause__ or cause.__context__
+    return None
+
+
+def _permission_sentence(url: str) -> str:
+    try:
+        group = None if grp is None else grp.getgrgid(Path(url).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        group = None
+    if group in (None, "root"):
+        return (
+            f"You may not open {url}: give yourself the right to it (on Linux by a udev rule) or, "
+            "on Windows, close the program that holds it."
+        )
+    return (
+        f"You may not open {url}: it belongs to the group {group}. Run "
+        f"'sudo usermod -aG {group} $USER', then log out and in again."
+    )
+
+
+def _ports_sentence() -> str:
+    try:
+        seen = seen_ports()
+    except _FAILURES:
+        seen = []
+    if not seen:
+        return "this machine lists no serial ports now."
+    names = [f"{p.url} ({p.description})" if p.description else p.url for p in seen[:12]]
+    return f"ports seen now: {', '.join(names)}."
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

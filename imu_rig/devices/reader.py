@@ -1,0 +1,94 @@
+"""One thread that reads one port and stamps what arrives, before anything else touches it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from imu_rig.clock import Clock
+from imu_rig.devices.ports import DEFAULT_BAUD, Port, open_port
+
+# Constants of time.
+READ_S = 0.05  # a blocking read; also how long stop() may have to wait
+JOIN_S = 5.0  # far beyond a read and a callback
+
+
+class PortReader:
+    """Reads a port until stopped or until the device is lost.
+
+    Parameters
+    ----------
+    port : str or callable
+        URL to open, or a function that opens a `Port`.
+    clock : Clock
+        Its ``now_ns()`` is taken right after each read.
+    on_bytes : callable
+        Called in the reader's thread with the time stamp and the bytes; must return quickly. An
+        exception from it ends the reading and is kept in ``error``.
+    name : str
+        Of the thread.
+    baud : int
+        For a URL.
+
+    Attributes
+    ----------
+    error : Exception or None
+        What ended the reading: a `DeviceLost`, or what ``on_bytes`` raised.
+    """
+
+    def __init__(
+        self,
+        port: str | Callable[[], Port],
+        clock: Clock,
+        on_bytes: Callable[[int, bytes], None],
+        name: str,
+        *,
+        baud: int = DEFAULT_BAUD,
+    ) -> None:
+        self._open: Callable[[], Port] = (
+            (lambda: open_port(port, baud=baud)) if isinstance(port, str) else port
+        )
+        self._clock, self._on_bytes, self._name = clock, on_bytes, name
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.error: Exception | None = None
+
+    @property
+    def alive(self) -> bool:
+        """Whether the port is being read."""
+        return self._thread is not None and self._thread.is_alive() and self.error is None
+
+    def start(self) -> None:
+        """Open the port and begin to read.
+
+        Raises
+        ------
+        PortError
+            If the port cannot be opened.
+        RuntimeError
+            If the reader was started before.
+        """
+        if self._thread is not None:
+            raise RuntimeError("a reader runs once; make a new one")
+        port = self._open()
+        self._thread = threading.Thread(
+            target=self._run, args=(port,), name=f"read {self._name}", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the reading, wait for the thread and close the port."""
+        self._stopping.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(JOIN_S)
+
+    def _run(self, port: Port) -> None:
+        try:
+            while not self._stopping.is_set():
+                data = port.read(READ_S)
+                if data:
+                    self._on_bytes(self._clock.now_ns(), data)
+        except Exception as error:  # whatever it is, the owner raises it again
+            self.error = error
+        finally:
+            port.close()

@@ -1,0 +1,115 @@
+"""What a stretch of received bytes is, if it is not what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from firmware_protocols.decoder import StreamDecoder
+from firmware_protocols.layout import PacketLayout, builtin_layouts
+from imu_rig.arrays import IntArray
+
+MIN_BYTES = 64
+"""Fewer tell nothing."""
+
+MIN_PACKETS = 3
+SHARE_IN_ROW = 0.8
+"""Of the packets found, how many must follow each other without a gap to be more than chance."""
+SHARE_OF_BYTES = 0.5
+SHARE_OF_TEXT = 0.95
+
+
+def recognize(
+    data: bytes, layouts: Mapping[str, PacketLayout] | None = None
+) -> PacketLayout | None:
+    """Return the layout that ``data`` are packets of, among ``layouts`` (default: built in).
+
+    Where several fit, the one that explains most of the bytes with the longest header and a
+    checksum wins.
+    """
+    best: tuple[tuple[bool, int, int], PacketLayout] | None = None
+    for layout in (builtin_layouts() if layouts is None else layouts).values():
+        ends = StreamDecoder(layout).feed(data).end
+        covered = len(ends) * layout.length
+        if not _in_rows(ends, layout) or covered < SHARE_OF_BYTES * len(data):
+            continue
+        merit = (layout.checksum is not None, len(layout.header), covered)
+        if best is None or merit > best[0]:
+            best = merit, layout
+    return None if best is None else best[1]
+
+
+def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
+    """Say in half a sentence what bytes are that hold no packets of ``layout``, and what to do.
+
+    Parameters
+    ----------
+    data : bytes
+        A second or so of what was received.
+    layout : PacketLayout
+        What was expected.
+    baud : int
+        Baud rate in use, for the advice.
+    """
+    if len(data) < MIN_BYTES:
+        return (
+            f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
+            "continuously"
+        )
+    other = recognize(data)
+    if other is not None and other.name != layout.name:
+        return f"sends packets of the layout {other.name}: use that layout"
+    values = np.frombuffer(data, np.uint8)
+    different = np.unique(values)
+    if len(different) <= 2:
+        shown = " and ".join(f"{v:02X}" for v in different.tolist())
+        return (
+            f"sends nothing but the byte {shown}: the baud rate ({baud}) is wrong or the line is "
+            "not connected"
+        )
+    distance = _usual_distance(_positions(data, layout.header))
+    if distance == layout.length:
+        return (
+            f"sends packets with the header and length of {layout.name} but another checksum: "
+            "correct the checksum in the layout file"
+        )
+    if distance is not None:
+        return (
+            f"sends the header of {layout.name} every {distance} bytes where the layout has "
+            f"{layout.length}: its firmware sends other packets; describe them in a layout file"
+        )
+    printable = np.isin(values, [9, 10, 13]) | ((values >= 32) & (values < 127))
+    if printable.mean() >= SHARE_OF_TEXT:
+        begin = data[:40].decode("ascii", errors="replace").split("\r")[0].split("\n")[0]
+        return f"sends text ({begin!r}), not packets: set it to its binary mode"
+    return (
+        f"sends bytes without any packet known here: the baud rate ({baud}) is wrong, this is "
+        "another device's port, or its packets are yet to be described in a layout file"
+    )
+
+
+def _in_rows(ends: IntArray, layout: PacketLayout) -> bool:
+    # a short header without a checksum is met by chance
+    least = MIN_PACKETS if layout.checksum or len(layout.header) > 1 else 2 * MIN_PACKETS
+    if len(ends) < least:
+        return False
+    return bool(np.mean(np.diff(ends) == layout.length) >= SHARE_IN_ROW)
+
+
+def _positions(data: bytes, header: bytes) -> list[int]:
+    found, at = [], data.find(header)
+    while at >= 0:
+        found.append(at)
+        at = data.find(header, at + 1)
+    return found
+
+
+def _usual_distance(positions: list[int]) -> int | None:
+    """Return the distance at which most headers follow each other; None if there is none."""
+    if len(positions) <= MIN_PACKETS:
+        return None
+    distances, counts = np.unique(np.diff(positions), return_counts=True)
+    usual = int(np.argmax(counts))
+    share = int(counts[usual]) / (len(positions) - 1)
+    return int(distances[usual]) if share >= SHARE_OF_BYTES else None
