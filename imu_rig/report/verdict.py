@@ -62,7 +62,8 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
             f"Errors of left-out poses are {significant(ratio, 2)} times as large as predicted "
             "(root mean square); near 1, the stated uncertainties are true."
         )
-    sentences.append(gravity_sentence(result.gravity))
+    if result.gravity.known:
+        sentences.append(gravity_sentence(result.gravity))
     return Verdict(headline, tuple(sentences), attention)
 
 
@@ -85,7 +86,7 @@ def left_out_ratio(result: CalibrationResult) -> float | None:
 
 
 def _own_observations(result: CalibrationResult, session: SessionSummary | None) -> list[str]:
-    found = []
+    found = [] if result.gravity.known else [gravity_sentence(result.gravity)]
     if result.accel_errors.held_out is None:
         found.append(
             "No pose was kept out of the fit, so nothing here shows how accurate the "

@@ -45,9 +45,10 @@ def test_a_session_that_ended_early_is_said(make_result):
     assert "on the jig paper-jig" in words.sentences[0]
 
 
-def test_assumed_gravity_is_said(make_result):
+def test_assumed_gravity_must_be_heeded_because_no_uncertainty_covers_it(make_result):
     words = verdict(replace(make_result(4, gyro=False), gravity=Gravity()))
-    assert "local gravity was not given" in words.sentences[-1]
+    assert "local gravity was not given" in words.attention[0]
+    assert "WGS-84" in verdict(make_result(4, gyro=False)).sentences[-1]
 
 
 def test_the_gain_is_stated_over_the_uncalibrated_sensor(make_result):
