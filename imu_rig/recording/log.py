@@ -1,0 +1,374 @@
+"""A queue, a thread that writes its records one by one, and a thread that waits for the disk.
+
+Whoever hands in a record never waits for the disk. A record counts as acknowledged once the
+system call that wrote it has returned: from then on a killed program cannot lose it, and after the
+next sync, at most ``sync_s`` later, a power cut cannot either.
+"""
+
+import errno
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from imu_rig.errors import StorageError
+from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, encode_record
+from imu_rig.recording.storage import DISK_FULL, FileSystem, OsFileSystem
+
+Entry = tuple[int, int, int, bytes]  # kind, source, trial time [ns], payload
+
+_JOINED_WRITE_BYTES = 1 << 16
+_RESERVE_BYTES = 1 << 20  # room in the queue that is kept for events and the like
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """How much a recording may hold back, what it asks of the disk, and what it stands on.
+
+    Attributes
+    ----------
+    queue_bytes : int
+        Records waiting for a slow disk [bytes in the file; about four times as much memory]. The
+        default holds 12 minutes of one 28-byte sensor at 100 Hz, or 45 s of four at 400 Hz.
+    reserve_bytes : int
+        Free space without which no recording starts [bytes].
+    planned_bytes : int
+        Expected size of the recording [bytes]; twice that is asked for on top of the reserve.
+    sync_s : float
+        Time between waits for the disk, so the most a power cut can take [s].
+    note_s : float
+        Time between clock pairs and statistics [s].
+    close_s : float
+        How long closing waits for a disk that does not answer [s].
+    wall_ns : callable
+        The wall clock [ns since 1970 UTC].
+    file_system : FileSystem
+        What writes.
+    """
+
+    queue_bytes: int = 4 << 20
+    reserve_bytes: int = 100_000_000
+    planned_bytes: int = 0
+    sync_s: float = 1.0
+    note_s: float = 5.0
+    close_s: float = 10.0
+    wall_ns: Callable[[], int] = time.time_ns
+    file_system: FileSystem = field(default_factory=OsFileSystem)
+
+    @property
+    def needed_bytes(self) -> int:
+        """Free space asked for before the start [bytes]."""
+        return self.reserve_bytes + 2 * self.planned_bytes
+
+
+class RecordLog:
+    """Appends records to an open trial file from a thread of its own.
+
+    ``put`` must be called by one thread at a time; everything else from any.
+
+    Attributes
+    ----------
+    sequence : int
+        Number of the next record.
+    offset : int
+        Size of the file up to its last acknowledged record [bytes].
+    written : int
+        Records acknowledged through this object.
+    synced_offset : int
+        Part of ``offset`` that is known to be on the disk [bytes].
+    counts : dict
+        ``(kind, source)`` to acknowledged records and payload bytes.
+    """
+
+    def __init__(
+        self,
+        descriptor: int,
+        path: Path,
+        seed: int,
+        *,
+        offset: int,
+        sequence: int,
+        options: RecordingOptions,
+        on_error: Callable[[StorageError], None] | None = None,
+    ) -> None:
+        self.sequence = sequence
+        self.offset = offset
+        self.written = 0
+        self.synced_offset = 0
+        self.counts: dict[tuple[int, int], tuple[int, int]] = {}
+        self.path = path
+        self._descriptor = descriptor
+        self._seed = seed
+        self._file_system = options.file_system
+        self._options = options
+        self._on_error = on_error
+        self._queue: queue.SimpleQueue[Entry | threading.Event | None] = queue.SimpleQueue()
+        self._refused = 0  # counted by whoever calls put
+        self._given_up = 0  # counted by the writing thread
+        self._put_bytes = 0
+        self._taken_bytes = 0
+        self._peak_bytes = 0
+        self._slowest_write_ns = 0
+        self._error: StorageError | None = None
+        self._end_reason: str | None = None
+        self._torn = False
+        self._error_lock = threading.Lock()
+        self._periodic: Callable[[], list[Entry]] = list
+        self._last: Callable[[], list[Entry]] = list
+        self._due = 0.0
+        self._stop_sync = threading.Event()
+        name = path.name
+        self._writer = threading.Thread(target=self._run, name=f"write {name}", daemon=True)
+        self._syncer = threading.Thread(target=self._keep_syncing, name=f"sync {name}", daemon=True)
+
+    @property
+    def error(self) -> StorageError | None:
+        """The first failure of the disk; nothing is written after it."""
+        return self._error
+
+    @property
+    def end_reason(self) -> str | None:
+        """``disk_full`` or ``storage_failed`` after an error."""
+        return self._end_reason
+
+    @property
+    def unwritten(self) -> int:
+        """Records handed in that will never be written: the queue was full or the disk failed."""
+        return self._refused + self._given_up
+
+    @property
+    def queued_bytes(self) -> int:
+        """Bytes handed in and not yet acknowledged or given up."""
+        return self._put_bytes - self._taken_bytes
+
+    def take_peaks(self) -> tuple[int, float]:
+        """Return the highest fill [bytes] and slowest write [s] since the last call."""
+        peaks = max(self._peak_bytes, self.queued_bytes), self._slowest_write_ns / 1e9
+        self._peak_bytes = self._slowest_write_ns = 0
+        return peaks
+
+    def write_first(self, start: bytes, entries: list[Entry]) -> None:
+        """Write ``start`` and ``entries`` and wait for the disk, before the threads start.
+
+        Raises
+        ------
+        StorageError
+            If the disk refuses.
+        """
+        self._write(entries, start)
+        if self._error is None:
+            self._sync()
+        if self._error is not None:
+            raise self._error
+
+    def start(self, periodic: Callable[[], list[Entry]]) -> None:
+        """Start the threads; ``periodic`` makes the records for each ``note_s``."""
+        self._periodic = periodic
+        self._due = time.monotonic() + self._options.note_s
+        self._writer.start()
+        self._syncer.start()
+
+    def put(self, entry: Entry, *, reserve: bool = False) -> bool:
+        """Hand in a record without waiting; False if it was not taken.
+
+        Parameters
+        ----------
+        entry : tuple
+            The record.
+        reserve : bool
+            Whether it may use the room kept for what matters more than one packet.
+        """
+        if self._error is not None or not self.has_room(entry, reserve=reserve):
+            self._refused += 1
+            return False
+        self._put_bytes += RECORD_OVERHEAD + len(entry[3])
+        self._queue.put(entry)
+        return True
+
+    def has_room(self, entry: Entry, *, reserve: bool = False) -> bool:
+        """Whether ``put`` with the same arguments would find room in the queue."""
+        room = self._options.queue_bytes + (_RESERVE_BYTES if reserve else 0)
+        return self.queued_bytes + RECORD_OVERHEAD + len(entry[3]) <= room
+
+    def flush(self, timeout_s: float) -> bool:
+        """Wait until all that was handed in before is written or given up; False if it is not."""
+        passed = threading.Event()
+        self._queue.put(passed)
+        return passed.wait(timeout_s) if self._writer.is_alive() else passed.is_set()
+
+    def close(self, last: Callable[[], list[Entry]]) -> None:
+        """Write what is queued and then the ``last`` records, wait for the disk and close."""
+        if self._writer.is_alive():
+            self._last = last
+            self._queue.put(None)
+            self._writer.join(self._options.close_s)
+        if self._writer.is_alive():
+            self._fail(
+                f"{self.path}: the disk has not answered for {self._options.close_s:.0f} s, so "
+                "The end of the recording is missing; check the disk.",
+                "storage_failed",
+            )
+
+    def cut_tail(self) -> None:
+        """Cut off what stands after the last sound record.
+
+        Raises
+        ------
+        StorageError
+            If the disk refuses.
+        """
+        try:
+            self._file_system.ftruncate(self._descriptor, self.offset)
+        except OSError as error:
+            self._fail_on(error)
+        if self._error is not None:
+            raise self._error
+
+    def abandon(self) -> None:
+        """Close a file whose threads were never started."""
+        os.close(self._descriptor)
+
+    def _run(self) -> None:
+        finished = False
+        try:
+            while self._turn():
+                pass
+            finished = True
+        finally:
+            if not finished:
+                self._fail(
+                    f"{self.path}: the thread that writes it stopped unexpectedly; "
+                    "what was acknowledged is kept.",
+                    "storage_failed",
+                )
+            self._finish()
+
+    def _turn(self) -> bool:
+        """Write what is waiting; return whether to go on."""
+        going_on = True
+        batch: list[Entry] = []
+        passed = None
+        size = 0
+        try:
+            item = self._queue.get(timeout=max(0.0, self._due - time.monotonic()))
+            while True:
+                if item is None:
+                    going_on = False
+                    break
+                if isinstance(item, threading.Event):
+                    passed = item
+                    break
+                batch.append(item)
+                size += RECORD_OVERHEAD + len(item[3])
+                if size >= _JOINED_WRITE_BYTES or self._queue.empty():
+                    break
+                item = self._queue.get()
+        except queue.Empty:
+            pass
+        self._peak_bytes = max(self._peak_bytes, self.queued_bytes)
+        if time.monotonic() >= self._due:
+            batch += self._periodic()
+            self._due = time.monotonic() + self._options.note_s
+        self._write(batch)
+        self._taken_bytes += size
+        if passed is not None:
+            passed.set()
+        return going_on
+
+    def _write(self, entries: list[Entry], start: bytes = b"") -> None:
+        """Append records with one system call; all of them count, or none."""
+        if self._error is None and self.sequence + len(entries) > MAX_SEQUENCE:
+            self._fail(
+                f"{self.path} holds as many records as a trial file can; start another one.",
+                "storage_failed",
+            )
+        if self._error is not None:
+            self._given_up += len(entries)
+        elif (problem := self._commit(entries, start)) is not None:
+            self._given_up += len(entries)
+            self._fail_on(problem)
+
+    def _commit(self, entries: list[Entry], start: bytes = b"") -> OSError | None:
+        if not entries:
+            return None
+        block = start + b"".join(
+            [
+                encode_record(self._seed, kind, source, sequence, time_ns, payload)
+                for sequence, (kind, source, time_ns, payload) in enumerate(entries, self.sequence)
+            ]
+        )
+        problem = self._append(block)
+        if problem is None:
+            self.sequence += len(entries)
+            self.written += len(entries)
+            for kind, source, _, payload in entries:
+                records, size = self.counts.get((kind, source), (0, 0))
+                self.counts[kind, source] = records + 1, size + len(payload)
+        return problem
+
+    def _append(self, block: bytes) -> OSError | None:
+        """Write a block; on failure cut the file back to where it was and say why."""
+        before = time.monotonic_ns()
+        problem = None
+        try:
+            count = self._file_system.write(self._descriptor, block)
+            if count != len(block):  # a regular file takes less only when there is no more room
+                problem = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            problem = error
+        self._slowest_write_ns = max(self._slowest_write_ns, time.monotonic_ns() - before)
+        if problem is None:
+            self.offset += len(block)
+            return None
+        try:
+            self._file_system.ftruncate(self._descriptor, self.offset)
+        except OSError:
+            self._torn = True  # readers skip the piece; nothing may follow it
+        return problem
+
+    def _fail_on(self, problem: OSError) -> None:
+        full = problem.errno in DISK_FULL
+        state, advice = ("is full", "free some space") if full else ("fails", "check the disk")
+        self._fail(
+            f"The disk of {self.path} {state} ({problem.strerror}); the recording stopped after "
+            f"{self.sequence} records, which are kept; {advice} and continue it.",
+            "disk_full" if full else "storage_failed",
+        )
+
+    def _fail(self, sentence: str, end_reason: str) -> None:
+        with self._error_lock:
+            if self._error is not None:
+                return
+            self._end_reason = end_reason
+            error = self._error = StorageError(sentence)
+        if self._on_error is not None:
+            self._on_error(error)
+
+    def _finish(self) -> None:
+        # After a failure too: cutting the file back often leaves room for one small record.
+        if not self._torn:
+            problem = self._commit(self._last())
+            if problem is not None:
+                self._fail_on(problem)
+        self._stop_sync.set()
+        self._syncer.join()
+        self._sync()
+        os.close(self._descriptor)
+
+    def _keep_syncing(self) -> None:
+        while not self._stop_sync.wait(self._options.sync_s):
+            self._sync()
+
+    def _sync(self) -> None:
+        offset = self.offset
+        if offset == self.synced_offset:
+            return
+        try:
+            self._file_system.fdatasync(self._descriptor)
+        except OSError as error:
+            self._fail_on(error)
+        else:
+            self.synced_offset = offset

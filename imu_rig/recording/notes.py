@@ -1,0 +1,83 @@
+"""The records that a recorder writes about itself: clocks, statistics, end, resumption."""
+
+from collections.abc import Collection
+
+from imu_rig.clock import NS_PER_S
+from imu_rig.recording.contents import Source
+from imu_rig.recording.format import CLOCK_PAIR, TRIAL, Kind, encode_json
+from imu_rig.recording.log import Entry, RecordingOptions, RecordLog
+from imu_rig.recording.reader import RESUMED, Trial
+
+_WIRE_NAMES = {Kind.BYTES_IN: "in", Kind.BYTES_OUT: "out"}
+
+
+def clock_pair(host_ns: int, wall_ns: int, origin_ns: int) -> Entry:
+    """Return the record that ties trial time to the host's two clocks [ns]."""
+    return Kind.CLOCK_PAIR, TRIAL, host_ns - origin_ns, CLOCK_PAIR.pack(host_ns, wall_ns)
+
+
+def source_description(source: Source, time_ns: int = 0) -> Entry:
+    """Return the record that describes a source."""
+    value = {"name": source.name, "kind": source.kind, "descriptor": source.descriptor}
+    payload = encode_json(value, f"The description of the source {source.name!r}")
+    return Kind.SOURCE, source.id, time_ns, payload
+
+
+def statistics(log: RecordLog, options: RecordingOptions, time_ns: int) -> Entry:
+    """Return the record that tells how the recorder is doing."""
+    peak_bytes, slowest_write_s = log.take_peaks()
+    try:
+        free_bytes: int | None = options.file_system.free_bytes(log.path.parent)
+    except OSError:
+        free_bytes = None
+    value = {
+        **_totals(log),
+        "synced_bytes": log.synced_offset,
+        "queue_peak_bytes": peak_bytes,
+        "slowest_write_s": slowest_write_s,
+        "disk_free_bytes": free_bytes,
+    }
+    return Kind.STATISTICS, TRIAL, time_ns, encode_json(value, "The statistics")
+
+
+def end(log: RecordLog, sources: Collection[Source], reason: str, time_ns: int) -> Entry:
+    """Return the record that ends a trial; what the disk did outweighs ``reason``."""
+    names = {source.id: source.name for source in sources}
+    wires: dict[str, dict[str, int]] = {}
+    for (kind, number), (records, size) in sorted(log.counts.items()):
+        if direction := _WIRE_NAMES.get(Kind(kind)):
+            counts = wires.setdefault(names.get(number, f"source-{number}"), {})
+            counts |= {f"records_{direction}": records, f"bytes_{direction}": size}
+    value = {"reason": log.end_reason or reason, **_totals(log), "sources": wires}
+    return Kind.END, TRIAL, time_ns, encode_json(value, "The end")
+
+
+def resumed(trial: Trial, now_ns: int) -> Entry:
+    """Return the event that stands where a trial was continued."""
+    fields = {
+        "ended": trial.ended,
+        "pause_s": (now_ns - int(trial.records.time_ns.max())) / NS_PER_S,
+        "records_before": len(trial.records),
+        "records_lost_before": trial.damage.records_lost,
+        "bytes_cut": trial.damage.tail_bytes,
+    }
+    payload = encode_json({"name": RESUMED, "fields": fields}, "The event 'resumed'")
+    return Kind.EVENT, TRIAL, now_ns, payload
+
+
+def time_after(trial: Trial, wall_ns: int) -> int:
+    """Return the trial time [ns] at which a trial goes on at a wall clock time [ns]."""
+    newest = int(trial.records.time_ns.max())
+    pairs = trial.clock_pairs
+    if not len(pairs.t):
+        return newest
+    passed_ns = wall_ns - int(pairs.wall_ns[-1])
+    return max(newest, round(float(pairs.t[-1]) * NS_PER_S) + passed_ns)
+
+
+def _totals(log: RecordLog) -> dict[str, int]:
+    return {
+        "records": log.sequence,
+        "bytes": log.offset,
+        "unwritten_records": log.unwritten,
+    }

@@ -1,0 +1,302 @@
+"""Read a trial file: whatever is sound in it, and in words what is not."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from firmware_protocols.layout import LayoutError, PacketLayout
+from imu_rig.arrays import BoolArray, IntArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.clock import NS_PER_S
+from imu_rig.errors import InputError
+from imu_rig.imu_stream import Assembled, assemble_all
+from imu_rig.recording.contents import ClockPairs, Event, Gap, Source, Wire
+from imu_rig.recording.format import (
+    CLOCK_PAIR,
+    HEADER_SIZE,
+    FileHeader,
+    Kind,
+    decode_file_header,
+    decode_json,
+)
+from imu_rig.recording.scan import Damage, Records, scan_records
+
+Direction = Literal["in", "out"]
+
+_WIRE_KIND = {"in": Kind.BYTES_IN, "out": Kind.BYTES_OUT}
+_SPAN_BYTES = 4 << 20  # read from the file at a time
+RESUMED = "resumed"
+
+
+def open_trial(path: Path | str) -> Trial:
+    """Open a trial file of any age and state, also one that is still being written.
+
+    Raises
+    ------
+    InputError
+        If it is missing, empty, zero-filled, foreign, of a newer version, or has lost both copies
+        of its header. Damage after the header is no error: see ``Trial.damage``.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            start = file.read(HEADER_SIZE)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}).") from error
+    return Trial(path, decode_file_header(start, path))
+
+
+class Trial:
+    """A trial file, read when asked and held in memory only as far as asked.
+
+    The first access to anything but ``header`` reads the whole file once, checks every record
+    and keeps 26 bytes about each. What a recorder adds after that is seen by opening it again.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    header : FileHeader
+        Its header.
+    """
+
+    def __init__(self, path: Path, header: FileHeader) -> None:
+        self.path = path
+        self.header = header
+
+    @property
+    def records(self) -> Records:
+        """Every sound record, in the order it was written."""
+        return self._scan[0]
+
+    @property
+    def damage(self) -> Damage:
+        """What is missing or unreadable."""
+        return self._scan[1]
+
+    @property
+    def duration_s(self) -> float:
+        """Trial time of the last record [s]."""
+        return float(self.records.time_ns.max()) / NS_PER_S if len(self.records) else 0.0
+
+    @property
+    def created_wall_ns(self) -> int:
+        """Wall clock when the file was made [ns since 1970 UTC]."""
+        return self.header.created_wall_ns
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The configuration of the session; empty if every copy of it is lost."""
+        found = self._objects(Kind.CONFIG)
+        return found[0][1] if found else {}
+
+    @cached_property
+    def sources(self) -> dict[str, Source]:
+        """The sources by name; one whose descriptor is lost goes by its number."""
+        by_id: dict[int, Source] = {}
+        names: set[str] = set()
+        for row, value in self._objects(Kind.SOURCE):
+            number = int(self.records.source[row])
+            match value:
+                case {"name": str(name), "kind": str(kind), "descriptor": dict(descriptor)}:
+                    if number not in by_id and name not in names:
+                        by_id[number] = Source(number, name, kind, descriptor)
+                        names.add(name)
+        wires = np.isin(self.records.kind, list(_WIRE_KIND.values()))
+        for number in np.unique(self.records.source[wires]).tolist():
+            if number not in by_id:
+                by_id[number] = Source(number, f"source-{number}", "unknown", {})
+        return {source.name: source for _, source in sorted(by_id.items())}
+
+    @cached_property
+    def events(self) -> list[Event]:
+        """All events, in the order they were written."""
+        return [
+            Event(self._t(row), name, fields)
+            for row, value in self._objects(Kind.EVENT)
+            if isinstance(name := value.get("name"), str)
+            and isinstance(fields := value.get("fields", {}), dict)
+        ]
+
+    @cached_property
+    def gaps(self) -> list[Gap]:
+        """Data that the recorder knew were missing."""
+        return [
+            Gap(self._t(row), int(self.records.source[row]), value)
+            for row, value in self._objects(Kind.GAP)
+        ]
+
+    @cached_property
+    def statistics(self) -> list[tuple[float, dict[str, Any]]]:
+        """How the recorder was doing, as trial time [s] and counts."""
+        return [(self._t(row), value) for row, value in self._objects(Kind.STATISTICS)]
+
+    @cached_property
+    def clock_pairs(self) -> ClockPairs:
+        """Trial time next to the host's clocks."""
+        records = self.records
+        is_pair = (records.kind == Kind.CLOCK_PAIR) & (records.length == CLOCK_PAIR.size)
+        rows = np.flatnonzero(is_pair)
+        pairs = [CLOCK_PAIR.unpack(payload) for _, payload in self._payloads(rows)]
+        host_wall = np.array(pairs, np.int64).reshape(-1, 2)
+        return ClockPairs(records.time_ns[rows] / NS_PER_S, host_wall[:, 0], host_wall[:, 1])
+
+    @cached_property
+    def ended(self) -> str | None:
+        """Why the recording ended: ``"complete"``, another word, or None if it was cut off."""
+        resumed = self._resumed_rows.max(initial=-1)
+        ends = [value.get("reason") for row, value in self._objects(Kind.END) if row > resumed]
+        return str(ends[-1]) if ends else None
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hexadecimal SHA-256 of the file."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def source(self, name: str) -> Source:
+        """Return a source by name.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source.
+        """
+        try:
+            return self.sources[name]
+        except KeyError:
+            known = ", ".join(self.sources) or "none"
+            raise InputError(f"{self.path} has no source {name!r}; it has {known}.") from None
+
+    def wire(self, name: str, direction: Direction = "in") -> Wire:
+        """Return all that a source sent (``"in"``) or was sent (``"out"``).
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source.
+        """
+        number = self.source(name).id
+        records = self.records
+        rows = np.flatnonzero((records.kind == _WIRE_KIND[direction]) & (records.source == number))
+        data = bytearray()
+        for _, piece, starts, stops in self._pieces(rows):
+            data += b"".join(map(piece.__getitem__, map(slice, starts, stops)))
+        return Wire(
+            bytes(data),
+            records.time_ns[rows] / NS_PER_S,
+            np.cumsum(records.length[rows], dtype=np.int64),
+            self._breaks(rows, number),
+        )
+
+    def imu(self, name: str) -> ImuBlock:
+        """Return the samples of a sensor; times are trial time.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source, or one without a readable packet layout.
+        """
+        return self.imu_assembled(name).block
+
+    def imu_assembled(self, name: str) -> Assembled:
+        """Return the samples of a sensor with the statistics of their stream, as :meth:`imu`."""
+        layout = self.source(name).descriptor.get("layout")
+        if not isinstance(layout, dict):
+            raise InputError(f"The source {name!r} of {self.path} is no sensor: it has no layout.")
+        try:
+            packet_layout = PacketLayout.from_dict(layout)
+        except LayoutError as error:
+            raise InputError(f"The source {name!r} of {self.path}: {error}") from error
+        wire = self.wire(name)
+        # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
+        arrival_s = np.maximum.accumulate(wire.t)
+        return assemble_all(packet_layout, wire.data, wire.stops, arrival_s)
+
+    def _breaks(self, rows: IntArray, number: int) -> BoolArray:
+        lost_before = self.records.sequence[rows].astype(np.int64) - rows
+        breaks = np.zeros(len(rows), bool)
+        breaks[1:] = np.diff(lost_before) > 0
+        of_source = (self.records.kind == Kind.GAP) & (self.records.source == number)
+        causes = np.concatenate([np.flatnonzero(of_source), self._resumed_rows])
+        after = np.searchsorted(rows, causes)
+        breaks[after[(after > 0) & (after < len(rows))]] = True
+        return breaks
+
+    @cached_property
+    def _resumed_rows(self) -> IntArray:
+        rows = [row for row, v in self._objects(Kind.EVENT) if v.get("name") == RESUMED]
+        return np.array(rows, np.int64)
+
+    @cached_property
+    def _scan(self) -> tuple[Records, Damage]:
+        with self.path.open("rb", buffering=0) as file:
+            return scan_records(file, self.header)
+
+    def _t(self, row: int) -> float:
+        return int(self.records.time_ns[row]) / NS_PER_S
+
+    def _objects(self, kind: Kind) -> list[tuple[int, dict[str, Any]]]:
+        """Return the JSON objects of one kind with their rows; what is no object is left out."""
+        found = []
+        for row, payload in self._payloads(np.flatnonzero(self.records.kind == kind)):
+            try:
+                value = decode_json(payload)
+            except ValueError:  # a checksum vouches for the bytes, not for who wrote them
+                continue
+            if isinstance(value, dict):
+                found.append((row, value))
+        return found
+
+    def _payloads(self, rows: IntArray) -> Iterator[tuple[int, bytes]]:
+        """Yield the payloads of ``rows`` with their row numbers."""
+        for numbers, piece, starts, stops in self._pieces(rows):
+            for row, start, stop in zip(numbers, starts, stops, strict=True):
+                yield row, piece[start:stop]
+
+    def _pieces(self, rows: IntArray) -> Iterator[tuple[list[int], bytes, list[int], list[int]]]:
+        """Read the file in few large pieces: row numbers, piece, and where payloads lie in it."""
+        start = self.records.offset[rows]
+        stop = start + self.records.length[rows]
+        with self.path.open("rb", buffering=0) as file:
+            for first, last in _spans(start, stop):
+                base = int(start[first])
+                file.seek(base)
+                piece = _read_exactly(file.read, int(stop[last - 1]) - base, self.path)
+                chosen = slice(first, last)
+                yield (
+                    rows[chosen].tolist(),
+                    piece,
+                    (start[chosen] - base).tolist(),
+                    (stop[chosen] - base).tolist(),
+                )
+
+
+def _spans(start: IntArray, end: IntArray) -> Iterator[tuple[int, int]]:
+    """Split runs of records into pieces of the file that are ascending and not too long."""
+    first = 0
+    descents = (np.flatnonzero(np.diff(start) < 0) + 1).tolist()
+    for run_stop in [*descents, len(start)]:
+        while first < run_stop:
+            limit = start[first] + _SPAN_BYTES
+            stop = first + int(np.searchsorted(end[first:run_stop], limit, side="right"))
+            stop = max(stop, first + 1)
+            yield first, stop
+            first = stop
+
+
+def _read_exactly(read: Callable[[int], bytes], size: int, path: Path) -> bytes:
+    parts = []
+    while size:
+        part = read(size)
+        if not part:
+            raise InputError(f"{path} became shorter while it was read; open it again.")
+        parts.append(part)
+        size -= len(part)
+    return b"".join(parts)

@@ -1,0 +1,169 @@
+"""What a recording asks of the file system, in one place so that a test can make it fail."""
+
+import errno
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Protocol
+
+from imu_rig.errors import InputError, StorageError
+
+if sys.platform != "win32":
+    import fcntl
+
+_O_BINARY = getattr(os, "O_BINARY", 0)  # Windows would otherwise translate line ends
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class FileSystem(Protocol):
+    """The calls that a recording depends on; each may raise OSError."""
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        """Append ``data``; return how many bytes were taken."""
+        ...
+
+    def fdatasync(self, descriptor: int) -> None:
+        """Wait until what was written is on the disk."""
+        ...
+
+    def ftruncate(self, descriptor: int, size: int) -> None:
+        """Cut the file to ``size`` bytes."""
+        ...
+
+    def free_bytes(self, folder: Path) -> int:
+        """Return what the user can still write to the disk of ``folder``."""
+        ...
+
+
+class OsFileSystem:
+    """The machine's file system."""
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        """Append ``data`` with one system call."""
+        return os.write(descriptor, data)
+
+    def fdatasync(self, descriptor: int) -> None:
+        """Wait for the disk; where there is no fdatasync, fsync does more than is needed."""
+        if sys.platform in ("win32", "darwin"):
+            os.fsync(descriptor)
+        else:
+            os.fdatasync(descriptor)
+
+    def ftruncate(self, descriptor: int, size: int) -> None:
+        """Cut the file."""
+        os.ftruncate(descriptor, size)
+
+    def free_bytes(self, folder: Path) -> int:
+        """Return the free space."""
+        return shutil.disk_usage(folder).free
+
+
+def create_for_append(path: Path) -> int:
+    """Create a file that must not exist yet and return its locked descriptor.
+
+    Raises
+    ------
+    InputError
+        If it exists already, or its folder is missing or forbidden.
+    StorageError
+        If the disk refuses.
+    """
+    try:
+        descriptor = os.open(
+            path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | _O_BINARY, 0o666
+        )
+    except FileExistsError as error:
+        raise InputError(
+            f"{path} exists already and a trial file is never overwritten; choose another name."
+        ) from error
+    except OSError as error:
+        raise _refused(path, "be created", error) from error
+    _lock(descriptor, path)
+    return descriptor
+
+
+def open_for_append(path: Path) -> int:
+    """Open an existing file and return its locked descriptor.
+
+    Raises
+    ------
+    InputError
+        If it is missing or forbidden, or another program is writing it.
+    StorageError
+        If the disk refuses.
+    """
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | _O_BINARY)
+    except OSError as error:
+        raise _refused(path, "be continued", error) from error
+    _lock(descriptor, path)
+    return descriptor
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the name of a new file survive a power cut.
+
+    Raises
+    ------
+    StorageError
+        If the disk fails.
+    """
+    if sys.platform == "win32":  # a folder cannot be opened there; the file's own sync must do
+        return
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise StorageError(
+            f"The folder {folder} cannot be written to disk ({error.strerror}); "
+            "record to another disk."
+        ) from error
+
+
+def require_space(path: Path, needed_bytes: int, file_system: FileSystem) -> None:
+    """Refuse to start a recording that the disk cannot hold.
+
+    Raises
+    ------
+    StorageError
+        If the disk of ``path`` has less than ``needed_bytes`` left.
+    """
+    try:
+        free = file_system.free_bytes(path.parent)
+    except OSError as error:
+        raise _refused(path, "be created", error) from error
+    if free < needed_bytes:
+        raise StorageError(
+            f"The disk of {path} has {free / 1e6:.0f} MB left and this recording needs "
+            f"{needed_bytes / 1e6:.0f} MB; free some space or record to another disk."
+        )
+
+
+def _refused(path: Path, what: str, error: OSError) -> InputError | StorageError:
+    if error.errno in (*DISK_FULL, errno.EIO):
+        return StorageError(
+            f"{path} cannot {what} ({error.strerror}); free some space or record to another disk."
+        )
+    if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
+        return InputError(f"{path} cannot {what}: the folder {path.parent} does not exist.")
+    return InputError(f"{path} cannot {what} ({error.strerror}).")
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    if sys.platform == "win32":
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise InputError(
+            f"{path} is being written by another program; stop that one first."
+        ) from error
+    except OSError as error:  # some network disks have no locks; go on without
+        if error.errno not in (errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK):
+            os.close(descriptor)
+            raise _refused(path, "be locked", error) from error
