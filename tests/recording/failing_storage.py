@@ -1,0 +1,66 @@
+"""File systems that fail when told to."""
+
+import errno
+import os
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from imu_rig.recording.storage import OsFileSystem
+
+
+@dataclass
+class FailingFileSystem(OsFileSystem):
+    """Fails its ``failing``-th write, counted from 1, and with ``lasting`` all that follow.
+
+    ``problem`` is the error number of the failing write; 0 makes it take half of the bytes.
+    """
+
+    failing: int
+    problem: int = errno.ENOSPC
+    lasting: bool = False
+    count: int = field(default=0, init=False)
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        self.count += 1
+        if self.count == self.failing or (self.lasting and self.count > self.failing):
+            taken = os.write(descriptor, data[: len(data) // 2])
+            if self.problem:
+                raise OSError(self.problem, os.strerror(self.problem))
+            return taken
+        return super().write(descriptor, data)
+
+    def fdatasync(self, descriptor: int) -> None:
+        """Nothing here depends on the real disk's patience."""
+
+
+class BlockedFileSystem(OsFileSystem):
+    """A disk that does not answer until ``released``."""
+
+    def __init__(self) -> None:
+        self.released = threading.Event()
+        self.released.set()
+        self.blocked = threading.Event()
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if not self.released.is_set():
+            self.blocked.set()
+            self.released.wait()
+        return super().write(descriptor, data)
+
+
+class BadSyncFileSystem(OsFileSystem):
+    """A disk that takes everything and then reports that it could not keep it."""
+
+    failing = False
+
+    def fdatasync(self, descriptor: int) -> None:
+        if self.failing:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+class SmallFileSystem(OsFileSystem):
+    """A disk with little room left."""
+
+    def free_bytes(self, folder: Path) -> int:
+        return 30_000_000

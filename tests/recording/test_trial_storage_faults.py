@@ -1,0 +1,193 @@
+"""Full, failing, slow and untrue disks: what was acknowledged stays, and the rest is counted."""
+
+import errno
+
+import pytest
+from failing_storage import (
+    BadSyncFileSystem,
+    BlockedFileSystem,
+    FailingFileSystem,
+    SmallFileSystem,
+)
+from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, numbers, row
+
+from imu_rig.clock import SteppedClock
+from imu_rig.errors import StorageError
+from imu_rig.recording import RecordingOptions, TrialWriter, open_trial
+from imu_rig.recording.format import RECORD_OVERHEAD
+
+WRITES = 200
+
+
+def create(path, file_system, *, on_error=None, **options):
+    return TrialWriter.create(
+        path,
+        CONFIG,
+        clock=SteppedClock(),
+        on_error=on_error,
+        options=RecordingOptions(note_s=3600.0, file_system=file_system, **options),
+    )
+
+
+@pytest.mark.parametrize(("lasting", "step"), [(False, 1), (True, 9)], ids=["once", "lasting"])
+@pytest.mark.parametrize(
+    ("problem", "ended"),
+    [(errno.ENOSPC, "disk_full"), (errno.EIO, "storage_failed"), (0, "disk_full")],
+    ids=["ENOSPC", "EIO", "short"],
+)
+def test_a_disk_that_fails_at_the_nth_write(tmp_path, problem, ended, lasting, step):
+    for failing in range(2, WRITES + 1, step):
+        path = tmp_path / f"{failing}.imu-trial"
+        errors = []
+        trial = create(path, FailingFileSystem(failing, problem, lasting), on_error=errors.append)
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        trial.flush()
+        handed_in = 0
+        while trial.error is None:
+            trial.bytes_in(source, handed_in * 10_000_000, row(handed_in))
+            trial.flush()
+            handed_in += 1
+        acknowledged, size = trial.written_records, trial.acknowledged_bytes
+        trial.bytes_in(source, 0, b"too late")
+        assert trial.unwritten_records >= 1
+        trial.close()
+        trial.close()
+
+        assert errors == [trial.error]
+        assert str(path) in str(trial.error)
+        found = open_trial(path)
+        assert len(found.records) >= acknowledged
+        if SOURCE in found.sources and handed_in:
+            assert numbers(found) == list(range(handed_in - 1))
+        assert not found.damage
+        if lasting:
+            assert found.ended is None
+            assert path.stat().st_size == size
+        else:
+            assert found.ended == ended
+        path.unlink()
+
+
+def test_a_disk_that_fails_at_once_leaves_no_file(tmp_path):
+    for problem in (errno.ENOSPC, errno.EIO, 0):
+        with pytest.raises(StorageError):
+            create(tmp_path / "x.imu-trial", FailingFileSystem(1, problem))
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failing_disk_is_raised_at_the_end_of_a_with_block(tmp_path):
+    trial = create(tmp_path / "x.imu-trial", FailingFileSystem(2))
+    with pytest.raises(StorageError, match=r"is full .* continue it"), trial:
+        trial.event("lost")
+
+
+def test_what_the_block_raised_comes_before_a_failing_disk(tmp_path):
+    trial = create(tmp_path / "x.imu-trial", FailingFileSystem(2))
+    trial.event("lost")
+    trial.flush()
+    assert trial.error is not None
+    with pytest.raises(ValueError, match="more important"), trial:
+        raise ValueError("more important")
+
+
+def test_a_trial_goes_on_once_there_is_room_again(tmp_path):
+    path = tmp_path / "x.imu-trial"
+    trial = create(path, FailingFileSystem(9))
+    source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+    for number in range(20):
+        trial.bytes_in(source, number * 10_000_000, row(number))
+        trial.flush()
+    trial.close()
+    kept = len(numbers(open_trial(path)))
+    assert 0 < kept < 20
+    with TrialWriter.append(path, clock=SteppedClock()) as more:
+        more.add_source(SOURCE, "test", DESCRIPTOR)
+    assert len(numbers(open_trial(path))) == kept
+    assert open_trial(path).ended == "complete"
+
+
+def test_a_failing_sync_ends_the_recording(tmp_path):
+    path = tmp_path / "x.imu-trial"
+    file_system = BadSyncFileSystem()
+    trial = create(path, file_system, sync_s=0.001)
+    trial.event("kept")
+    trial.flush()
+    file_system.failing = True
+    while trial.error is None:
+        trial.event("more")
+        trial.flush()
+    trial.close()
+    assert trial.synced_bytes < trial.acknowledged_bytes
+    found = open_trial(path)
+    assert found.ended == "storage_failed"
+    assert found.events[0].name == "kept"
+
+
+def test_a_slow_disk_is_waited_for_by_the_queue_alone(tmp_path):
+    """The disk answers only after the caller is through, so a caller that waits never ends."""
+    path = tmp_path / "x.imu-trial"
+    file_system = BlockedFileSystem()
+    queue_bytes = 50_000
+    with create(path, file_system, queue_bytes=queue_bytes) as trial:
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        other = trial.add_source("other", "test", DESCRIPTOR)
+        assert trial.flush()
+        file_system.released.clear()
+        fits = 0
+        size = 0
+        while size + RECORD_OVERHEAD + len(row(fits)) <= queue_bytes:
+            size += RECORD_OVERHEAD + len(row(fits))
+            trial.bytes_in(source, fits * 10_000_000, row(fits))
+            fits += 1
+        assert trial.unwritten_records == 0
+        assert trial.queued_bytes == size
+        for number in range(fits, fits + 500):
+            trial.bytes_in(source, number * 10_000_000, row(number))
+        trial.bytes_in(other, 0, b"x" * queue_bytes)
+        assert trial.unwritten_records == 501
+        trial.event("an event still finds room")
+        file_system.blocked.wait()
+        file_system.released.set()
+        assert trial.flush()
+        assert trial.error is None
+        after = fits + 500
+        trial.bytes_in(source, after * 10_000_000, row(after))
+    found = open_trial(path)
+    assert numbers(found) == [*range(fits), after]
+    assert not found.damage
+    gaps = {gap.source: gap for gap in found.gaps}
+    assert gaps[source].t == fits / 100
+    assert gaps[source].fields == {
+        "reason": "queue full",
+        "records": 500,
+        "bytes": sum(len(row(n)) for n in range(fits, fits + 500)),
+        "until_s": (fits + 499) / 100,
+    }
+    assert gaps[other].fields["records"] == 1
+    assert found.wire(SOURCE).breaks.nonzero()[0].tolist() == [fits]
+    assert found.events[0].name == "an event still finds room"
+
+
+def test_a_disk_that_never_answers_does_not_hold_up_the_end(tmp_path):
+    path = tmp_path / "x.imu-trial"
+    file_system = BlockedFileSystem()
+    trial = create(path, file_system, close_s=0.05)
+    file_system.released.clear()
+    trial.event("never written")
+    trial.close()
+    assert "has not answered" in str(trial.error)
+    file_system.released.set()
+
+
+def test_a_recording_that_cannot_fit_does_not_start(tmp_path):
+    path = tmp_path / "x.imu-trial"
+    with pytest.raises(StorageError, match="has 30 MB left and this recording needs 100 MB"):
+        create(path, SmallFileSystem())
+    with pytest.raises(StorageError, match="needs 31 MB"):
+        create(path, SmallFileSystem(), reserve_bytes=1_000_000, planned_bytes=15_000_000)
+    assert not path.exists()
+    create(path, SmallFileSystem(), reserve_bytes=1_000_000, planned_bytes=14_000_000).close()
+    with pytest.raises(StorageError, match="has 30 MB left"):
+        TrialWriter.append(
+            path, clock=SteppedClock(), options=RecordingOptions(file_system=SmallFileSystem())
+        )
