@@ -19,6 +19,7 @@ from pathlib import Path
 from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, row
 
 from imu_rig.clock import SystemClock
+from imu_rig.errors import ImuRigError
 from imu_rig.recording import RecordingOptions, TrialWriter, open_trial
 
 REPORT = struct.Struct("<Q")  # acknowledged records so far
@@ -112,8 +113,12 @@ def main() -> int:
             path = Path(folder) / f"{number}.imu-trial"
             paced = number % 2 == 0
             acknowledged = killed_recording(path, paced, moments.uniform(0, LONGEST_LIFE_S))
-            torn = open_trial(path).damage.tail_bytes
-            count, problems = check(path, acknowledged)
+            count = torn = 0
+            try:
+                torn = open_trial(path).damage.tail_bytes
+                count, problems = check(path, acknowledged)
+            except ImuRigError as error:
+                problems = [f"cannot be opened or continued: {error}"]
             for problem in problems:
                 print(f"kill {number}, paced {paced}: {problem}", file=sys.stderr)
             figures["kills"] += 1
