@@ -6,7 +6,7 @@ its derivative with respect to gain and bias comes out of the same tree.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,10 @@ class Moves:
     def __len__(self) -> int:
         """Return the number of moves."""
         return int(self.first.shape[0])
+
+    def scaled(self, factor: float) -> Moves:
+        """Return the moves with every rate times ``factor``, as another unit would have it."""
+        return replace(self, rate=self.rate * factor)
 
     def only(self, keep: BoolArray) -> Moves:
         """Return the moves that ``keep`` (n,) marks."""

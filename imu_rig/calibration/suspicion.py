@@ -96,14 +96,15 @@ def match_gyro(moves: Moves, bias: FloatArray, factors: tuple[float, ...] = FACT
     bias : shape (m, 3)
         Raw bias at every still [rad/s].
     factors : tuple of float
-        Factors on the rate to try, where the rate as it is does not fit.
+        Factors on the rate to try, where the rate as it is does not fit; with none, neither
+        factors nor axes are tried.
     """
     eye = np.eye(3)
     begin, end = (g / np.linalg.norm(g, axis=1, keepdims=True) for g in _ends(moves))
     tilts = np.arctan2(np.linalg.norm(np.cross(begin, end), axis=1), np.sum(begin * end, axis=1))
     conclusive = int(np.sum(tilts > ENOUGH_TURN)) >= 3
     error = _median_error(moves, eye, bias, begin, end)
-    if not conclusive or error < AGREES:
+    if not conclusive or error < AGREES or not factors:
         return Match(error, 1.0, eye, error, conclusive)
     scaled = {f: _median_error(moves, f * eye, bias, begin, end) for f in factors}
     factor = min(scaled, key=lambda f: scaled[f])

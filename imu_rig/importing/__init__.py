@@ -1,0 +1,1 @@
+"""Foreign recordings: text tables of other tools and loggers, read into sample blocks."""
