@@ -1,0 +1,137 @@
+"""The configuration of a whole simulated rig, down to its seed."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from imu_rig.units import STANDARD_GRAVITY
+from simulators.budget import Budget, draw_firmware, draw_jig, draw_sensor
+from simulators.faults import PlannedFault
+from simulators.models import (
+    IDENTITY,
+    ZERO,
+    FirmwareModel,
+    JigModel,
+    MaestroMode,
+    MaestroModel,
+    Model,
+    Positive,
+    SensorModel,
+    ServoModel,
+    Vector3,
+)
+
+EARTH_RATE = 7.292115e-5
+"""Rotation of the Earth [rad/s] (WGS-84)."""
+
+
+class RigConfig(Model):
+    """A jig, a sensor on it, a servo controller and the place where they stand.
+
+    Attributes
+    ----------
+    seed : int
+        Of everything random during a run: noise, drift, stops, bursts.
+    gravity : float
+        Local gravity [m/s^2].
+    latitude_deg : float or None
+        For the Earth's rotation, with x east and y north; None is an Earth at rest.
+    field_ut : (float, float, float)
+        Magnetic field in navigation axes [uT].
+    jig, sensor, firmware, maestro : models
+    maestro_mode : str
+        "usb-dual-port", "usb-chained", or "uart-detect" as it comes from the factory.
+    faults : tuple of PlannedFault
+        Faults that come by themselves, at times since the start of the world.
+    """
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    gravity: Positive = STANDARD_GRAVITY
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = 45.0
+    field_ut: Vector3 = (0.0, 22.0, -45.0)
+    jig: JigModel = Field(default_factory=JigModel)
+    sensor: SensorModel = Field(default_factory=SensorModel)
+    firmware: FirmwareModel = Field(default_factory=FirmwareModel)
+    maestro: MaestroModel = Field(default_factory=MaestroModel)
+    maestro_mode: MaestroMode = "usb-dual-port"
+    faults: tuple[PlannedFault, ...] = ()
+
+    @property
+    def earth_rate(self) -> Vector3:
+        """Rotation of the Earth in navigation axes [rad/s]."""
+        if self.latitude_deg is None:
+            return ZERO
+        latitude = math.radians(self.latitude_deg)
+        return 0.0, EARTH_RATE * math.cos(latitude), EARTH_RATE * math.sin(latitude)
+
+    @classmethod
+    def random(cls, seed: int, *, budget: Budget | None = None) -> RigConfig:
+        """Draw a rig from the error budgets; the same seed gives the same rig."""
+        budget = budget or Budget()
+        rng = np.random.default_rng([seed, 0])
+        return cls(
+            seed=seed,
+            jig=draw_jig(rng, budget),
+            sensor=draw_sensor(rng, budget),
+            firmware=draw_firmware(rng, budget),
+        )
+
+    @classmethod
+    def ideal(cls, seed: int = 1) -> RigConfig:
+        """Return a rig without any error, noise or drift, on an Earth at rest.
+
+        Servos still take their time, and readings are still whole counts.
+        """
+        usual = JigModel()
+
+        def exact(servo: ServoModel) -> ServoModel:
+            return ServoModel(
+                channel=servo.channel,
+                angle_deg=servo.angle_deg,
+                pulse_us=servo.pulse_us,
+                sine_deg=0.0,
+                repeatability_deg=0.0,
+                dead_band_us=0.0,
+                backlash_deg=0.0,
+                speed_dps=servo.speed_dps,
+                acceleration_dps2=servo.acceleration_dps2,
+                ring_hz=0.0,
+            )
+
+        return cls(
+            seed=seed,
+            latitude_deg=None,
+            jig=JigModel(
+                pan=exact(usual.pan),
+                tilt=exact(usual.tilt),
+                roll=exact(usual.roll),
+                base_tilt_deg=(0.0, 0.0),
+                tilt_skew_deg=0.0,
+                roll_skew_deg=0.0,
+                mounting_deg=ZERO,
+                wobble_deg=0.0,
+                lever_arm_m=ZERO,
+                vibration_mg=0.0,
+            ),
+            sensor=SensorModel(
+                accel_gain=IDENTITY,
+                accel_offset=ZERO,
+                gyro_gain=IDENTITY,
+                gyro_offset=ZERO,
+                mag_gain=IDENTITY,
+                mag_offset=ZERO,
+                accel_noise_ug=0.0,
+                gyro_noise_dps=0.0,
+                mag_noise_ut=0.0,
+                accel_walk_mg=0.0,
+                gyro_walk_dps=0.0,
+                warm_up_c=0.0,
+            ),
+            firmware=FirmwareModel(
+                skew_ppm=0.0, clock_offset_s=0.0, burst_s=(0.0, 0.0), latency_s=0.0
+            ),
+        )

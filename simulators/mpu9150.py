@@ -1,0 +1,189 @@
+"""The MPU-9150's readings of a motion: gains, offsets, noise, drift, range and whole counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
+from simulators.models import SensorModel
+from simulators.sampling import Means
+
+ACCEL_COUNT = STANDARD_GRAVITY / 4096.0
+"""One count of the accelerometer at +-8 g [m/s^2]."""
+
+GYRO_COUNT = DEG / 32.8
+"""One count of the gyroscope at +-1000 deg/s [rad/s], by the published 32.8 per deg/s."""
+
+MAG_COUNT = 0.3
+"""One count of the AK8975 [uT]."""
+
+LEAST, GREATEST = -32768, 32767
+MAG_LEAST, MAG_GREATEST = -4096, 4095
+
+WALK_TIME_S = 600.0
+"""The time after which a walk has the standard deviation that its name gives."""
+
+_NOISES = 15
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What the sensor says, in nominal SI units on the accelerometer's axes.
+
+    Attributes
+    ----------
+    accel : shape (n, 3)
+        m/s^2.
+    gyro : shape (n, 3)
+        rad/s.
+    mag : shape (n, 3)
+        uT.
+    temperature : shape (n,)
+        degC.
+    saturated : shape (n,)
+        Whether an accelerometer or gyroscope axis is at the end of its range.
+    """
+
+    accel: FloatArray
+    gyro: FloatArray
+    mag: FloatArray
+    temperature: FloatArray
+    saturated: BoolArray
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.temperature)
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A buzz of the jig that the servos cause in some poses."""
+
+    amplitude: FloatArray
+    hz: float
+    phase: float
+
+    def mean(self, t: FloatArray, duration: FloatArray) -> FloatArray:
+        """Return the mean specific force [m/s^2], shape (n, 3), over intervals that end at t."""
+        middle = np.sin(2.0 * math.pi * self.hz * (t - 0.5 * duration) + self.phase)
+        return (middle * np.sinc(self.hz * duration))[:, np.newaxis] * self.amplitude
+
+
+class Mpu9150:
+    """One sensor with its noise and drift.
+
+    Parameters
+    ----------
+    model : SensorModel
+    rng : numpy Generator
+    """
+
+    def __init__(self, model: SensorModel, rng: np.random.Generator) -> None:
+        self.model = model
+        self._rng = rng
+        self._accel_sensitivity = np.linalg.inv(np.array(model.accel_gain))
+        self._gyro_sensitivity = np.linalg.inv(np.array(model.gyro_gain))
+        self._mag_sensitivity = np.linalg.inv(np.array(model.mag_gain))
+        self._g_sensitivity = np.array(model.g_sensitivity) * (DEG / STANDARD_GRAVITY)
+        self._walks = np.zeros(6)
+
+    @property
+    def accel_offset(self) -> FloatArray:
+        """Offset of the accelerometer [m/s^2] with its walk so far, once warm."""
+        return np.array(self.model.accel_offset) + self._walks[:3]
+
+    @property
+    def gyro_offset(self) -> FloatArray:
+        """Offset of the gyroscope [rad/s] with its walk so far, once warm."""
+        return np.array(self.model.gyro_offset) + self._walks[3:]
+
+    def temperature(self, t: FloatArray) -> FloatArray:
+        """Return the temperature [degC] at world times."""
+        model = self.model
+        return model.ambient_c + model.warm_up_c * (1.0 - np.exp(-t / model.warm_up_tau_s))
+
+    def read(self, means: Means, vibration: Vibration | None, *, factor: float = 1.0) -> Readings:
+        """Return the readings of a motion.
+
+        Parameters
+        ----------
+        means : Means
+            Of the sample intervals; noise follows the length of each.
+        vibration : Vibration or None
+        factor : float
+            Multiplies accelerometer and gyroscope: a sensor that is wrong.
+        """
+        model = self.model
+        duration = means.duration[:, np.newaxis]
+        noise = self._rng.standard_normal((len(means), _NOISES))
+        walks = self._walk(noise[:, 9:], duration)
+        temperature = self.temperature(means.t)
+        cold = (temperature - (model.ambient_c + model.warm_up_c))[:, np.newaxis]
+
+        force = means.force
+        if vibration is not None:
+            force = force + vibration.mean(means.t, means.duration)
+        gained = self._nonlinear(force) * (1.0 + cold * (model.accel_gain_percent_per_c / 100.0))
+        offset = walks[:, :3] + model.accel_offset + cold * (model.accel_offset_mg_per_c * MILLI_G)
+        accel = _turned(self._accel_sensitivity, gained + offset)
+        accel += noise[:, :3] * (model.accel_noise_ug * 1e-6 * STANDARD_GRAVITY) / np.sqrt(duration)
+
+        rate = means.rate + _turned(self._g_sensitivity, force)
+        offset = walks[:, 3:] + model.gyro_offset + cold * (model.gyro_offset_dps_per_c * DEG)
+        gyro = _turned(self._gyro_sensitivity, rate + offset)
+        gyro += noise[:, 3:6] * (model.gyro_noise_dps * DEG) / np.sqrt(duration)
+
+        mag = _turned(self._mag_sensitivity, means.field + np.array(model.mag_offset))
+        mag += noise[:, 6:9] * model.mag_noise_ut
+
+        if not model.quantized:
+            inside = np.zeros(len(means), dtype=np.bool_)
+            return Readings(accel * factor, gyro * factor, mag, temperature, inside)
+        accel_counts = _counts(accel * factor, ACCEL_COUNT, LEAST, GREATEST)
+        gyro_counts = _counts(gyro * factor, GYRO_COUNT, LEAST, GREATEST)
+        both = np.hstack((accel_counts, gyro_counts))
+        return Readings(
+            accel=accel_counts * ACCEL_COUNT,
+            gyro=gyro_counts * GYRO_COUNT,
+            mag=MAG_COUNT * to_ak8975(_counts(to_ak8975(mag), MAG_COUNT, MAG_LEAST, MAG_GREATEST)),
+            temperature=temperature,
+            saturated=np.any((both <= LEAST) | (both >= GREATEST), axis=1),
+        )
+
+    def _nonlinear(self, force: FloatArray) -> FloatArray:
+        quadratic, cubic = self.model.accel_quadratic, self.model.accel_cubic
+        if not (any(quadratic) or any(cubic)):
+            return force
+        in_g = force / STANDARD_GRAVITY
+        bend = np.array(quadratic) * in_g**2 + np.array(cubic) * in_g**3
+        bent: FloatArray = force + STANDARD_GRAVITY * bend
+        return bent
+
+    def _walk(self, noise: FloatArray, duration: FloatArray) -> FloatArray:
+        """Return the walks at each sample, shape (n, 6), and go on from the last."""
+        model = self.model
+        after_walk_time = np.repeat((model.accel_walk_mg * MILLI_G, model.gyro_walk_dps * DEG), 3)
+        steps = np.vstack((self._walks, noise * after_walk_time * np.sqrt(duration / WALK_TIME_S)))
+        walks: FloatArray = np.cumsum(steps, axis=0)[1:]
+        if len(walks):
+            self._walks = walks[-1]
+        return walks
+
+
+def to_ak8975(vectors: FloatArray) -> FloatArray:
+    """Turn vectors (n, 3) from the accelerometer's axes to the magnetometer's, or back."""
+    turned: FloatArray = vectors[:, (1, 0, 2)] * np.array((1.0, 1.0, -1.0))
+    return turned
+
+
+def _turned(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
+    turned: FloatArray = vectors @ matrix.T
+    return turned
+
+
+def _counts(values: FloatArray, count: float, least: int, greatest: int) -> FloatArray:
+    return np.clip(np.rint(values / count), least, greatest)
