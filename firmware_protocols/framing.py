@@ -89,10 +89,7 @@ def find_many(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Found:
     rest = data[skipped:]
     if len(rest) < layout.length:
         return Found(first, skipped, 0)
-    if layout.checksum:
-        found = _find_checked(layout, rest)
-    else:
-        found = _find_unchecked(layout, rest, in_sync=in_sync)
+    found = _find_checked(layout, rest) if layout.checksum else _find_unchecked(layout, rest)
     starts = np.concatenate([first, found.starts + skipped])
     return Found(starts, found.decided + skipped, found.corrupt)
 
@@ -192,7 +189,8 @@ def _covered(at: Positions, starts: Positions, length: int) -> int:
     return int(np.count_nonzero(inside))
 
 
-def _find_unchecked(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Found:
+def _find_unchecked(layout: PacketLayout, data: Bytes) -> Found:
+    """Find packets by their headers alone, where none begins in sync."""
     length = layout.length
     last = len(data) - length
     headers = _headers(data, layout.header)
@@ -202,29 +200,12 @@ def _find_unchecked(layout: PacketLayout, data: Bytes, *, in_sync: bool) -> Foun
     waits_from = last - len(layout.header) + 1  # the bytes of a following header are not all there
     confirmed = is_header[headers + length] & (headers < waits_from)
     follows = (headers >= length) & is_header[headers - length]
-    if in_sync:
-        follows |= headers == 0
-    return _walk(layout, headers, confirmed, follows, last, waits_from, in_sync=in_sync)
-
-
-def _walk(
-    layout: PacketLayout,
-    headers: Positions,
-    confirmed: Flags,
-    follows: Flags,
-    last: int,
-    waits_from: int,
-    *,
-    in_sync: bool,
-) -> Found:
-    """Take headers in order: those confirmed, and those that a taken packet leads to."""
-    length = layout.length
     if len(headers) and _is_plain(headers, confirmed | follows, length):
         return Found(headers, max(int(headers[-1]) + length, last + 1), 0)
     starts: list[int] = []
     corrupt = 0
     free = 0
-    packet_end = 0 if in_sync else -1
+    packet_end = -1
     for position, sure in zip(headers.tolist(), confirmed.tolist(), strict=True):
         if position < free:
             continue

@@ -19,154 +19,37 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from firmware_protocols.checksums import SIZES
+from firmware_protocols.fields import (
+    BYTE_ORDERS,
+    MAX_PACKET_BYTES,
+    TYPE_SIZES,
+    Checksum,
+    Field,
+    LayoutError,
+    check_byte_order,
+    quote,
+)
+
+__all__ = [
+    "DEFAULT_LAYOUT_NAME",
+    "MAX_PACKET_BYTES",
+    "TYPE_SIZES",
+    "Checksum",
+    "Field",
+    "LayoutError",
+    "PacketLayout",
+    "builtin_layouts",
+    "load_layout",
+]
 
 DEFAULT_LAYOUT_NAME = "mpu9150-28"
-MAX_PACKET_BYTES = 4096
 MAX_HEADER_BYTES = 64
 MAX_FIELDS = 256
 MAX_FILE_BYTES = 1 << 16
 
-TYPE_SIZES = {
-    "pad": 1,
-    "u8": 1,
-    "i8": 1,
-    "u16": 2,
-    "i16": 2,
-    "u24": 3,
-    "i24": 3,
-    "u32": 4,
-    "i32": 4,
-    "f32": 4,
-    "f64": 8,
-}
-"""Bytes that each type of field takes."""
-
-BYTE_ORDERS = {"little": "<", "big": ">"}
-
-_AXIS = re.compile(r"[+-][xyz]")
-_FIELD_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _LAYOUT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_RESERVED = ("header", "checksum")
 
 _T = TypeVar("_T")
-
-
-class LayoutError(ValueError):
-    """A packet layout that cannot be used; one sentence that names file and field."""
-
-
-@dataclass(frozen=True)
-class Field:
-    """One field of a packet: ``count`` numbers of one type.
-
-    Attributes
-    ----------
-    name : str
-        Lower-case word. Drivers know seq, status, time, accel, gyro, mag and temperature.
-    type : str
-        u8, i8, u16, i16, u24, i24, u32, i32, f32, f64, or pad for bytes without meaning.
-    count : int
-        How many numbers; more than one gives a value of shape (n, count).
-    byte_order : str or None
-        "little" or "big"; None takes the layout's.
-    unit : str
-        Unit of the value, for example "g", "deg/s", "uT", "degC"; empty for plain counts.
-    counts_per_unit, zero : float
-        ``value = (counts - zero) / counts_per_unit`` in ``unit``.
-    axes : tuple of str or None
-        For three numbers on rotated axes: which raw axis the x, y and z values are, with sign.
-        ("+y", "+x", "-z") says x = raw y, y = raw x, z = -raw z.
-    """
-
-    name: str
-    type: str
-    count: int = 1
-    byte_order: str | None = None
-    unit: str = ""
-    counts_per_unit: float = 1.0
-    zero: float = 0.0
-    axes: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        if not _FIELD_NAME.fullmatch(self.name) or self.name in _RESERVED:
-            raise LayoutError(
-                f"field name {_quote(self.name)} cannot be used: take a lower-case word of up to "
-                f"40 letters, digits and underscores other than {' and '.join(_RESERVED)}."
-            )
-        where = f"field {self.name!r}"
-        if self.type not in TYPE_SIZES:
-            raise LayoutError(
-                f"{where}: type {_quote(self.type)} is not known, take one of "
-                f"{', '.join(TYPE_SIZES)}."
-            )
-        if not 1 <= self.count <= MAX_PACKET_BYTES:
-            raise LayoutError(f"{where}: count must be 1 to {MAX_PACKET_BYTES}.")
-        if self.byte_order is not None:
-            _check_byte_order(where, self.byte_order)
-        if len(self.unit) > 32:
-            raise LayoutError(f"{where}: unit is longer than 32 letters.")
-        if not (math.isfinite(self.counts_per_unit) and self.counts_per_unit != 0):
-            raise LayoutError(f"{where}: counts_per_unit must be a finite number other than 0.")
-        if not math.isfinite(self.zero):
-            raise LayoutError(f"{where}: zero must be a finite number.")
-        if self.axes is not None:
-            self._check_axes(where, self.axes)
-
-    def _check_axes(self, where: str, axes: tuple[str, ...]) -> None:
-        permuted = sorted(a[1:] for a in axes if _AXIS.fullmatch(a)) == ["x", "y", "z"]
-        if not permuted or self.count != 3 or len(axes) != 3:
-            raise LayoutError(
-                f"{where}: axes must name x, y and z once each with a sign, such as "
-                '["+y", "+x", "-z"], for a field with count 3.'
-            )
-
-    @property
-    def size(self) -> int:
-        """Bytes of the whole field."""
-        return TYPE_SIZES[self.type] * self.count
-
-    @property
-    def is_integer(self) -> bool:
-        """Whether the field holds integers (all types but f32, f64 and pad)."""
-        return self.type[0] in "ui"
-
-    @property
-    def bits(self) -> int:
-        """Bits of one number."""
-        return 8 * TYPE_SIZES[self.type]
-
-    @property
-    def limits(self) -> tuple[int, int]:
-        """Least and greatest count of an integer field."""
-        if not self.is_integer:
-            raise LayoutError(f"field {self.name!r}: type {self.type} has no integer limits.")
-        if self.type[0] == "u":
-            return 0, 2**self.bits - 1
-        return -(2 ** (self.bits - 1)), 2 ** (self.bits - 1) - 1
-
-
-@dataclass(frozen=True)
-class Checksum:
-    """The checksum that ends a packet; it covers everything from byte ``start`` up to itself."""
-
-    kind: str
-    start: int = 0
-    byte_order: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in SIZES:
-            raise LayoutError(
-                f"checksum: kind {_quote(self.kind)} is not known, take none or one of "
-                f"{', '.join(SIZES)}."
-            )
-        if self.byte_order is not None:
-            _check_byte_order("checksum", self.byte_order)
-
-    @property
-    def size(self) -> int:
-        """Bytes of the checksum."""
-        return SIZES[self.kind]
 
 
 @dataclass(frozen=True)
@@ -207,12 +90,12 @@ class PacketLayout:
     def __post_init__(self) -> None:
         if not _LAYOUT_NAME.fullmatch(self.name):
             raise LayoutError(
-                f"name {_quote(self.name)} cannot be used: take up to 64 letters, digits, dots, "
+                f"name {quote(self.name)} cannot be used: take up to 64 letters, digits, dots, "
                 "hyphens and underscores."
             )
         if len(self.title) > 200:
             raise LayoutError("title is longer than 200 letters.")
-        _check_byte_order("byte_order", self.byte_order)
+        check_byte_order("byte_order", self.byte_order)
         if not 1 <= len(self.header) <= MAX_HEADER_BYTES:
             raise LayoutError(
                 f"header must have 1 to {MAX_HEADER_BYTES} bytes: without one nothing tells where "
@@ -251,7 +134,7 @@ class PacketLayout:
         found = [f for f in self.fields if f.name == name]
         if not found:
             raise LayoutError(
-                f"{key} names the field {_quote(name)}, which is not among the fields "
+                f"{key} names the field {quote(name)}, which is not among the fields "
                 f"({', '.join(f.name for f in self.fields)})."
             )
         if found[0].type not in ("u8", "u16", "u24", "u32") or found[0].count != 1:
@@ -301,7 +184,7 @@ class PacketLayout:
             if field.name == name:
                 return field
         raise LayoutError(
-            f"layout {self.name}: there is no field {_quote(name)} "
+            f"layout {self.name}: there is no field {quote(name)} "
             f"(fields: {', '.join(f.name for f in self.fields)})."
         )
 
@@ -429,7 +312,7 @@ def _field_from(number: int, entry: Any) -> Field:
         raise LayoutError(f"field {number} must be a table with name and type.")
     where = f"field {number}"
     name = _take(where, entry, "name", str)
-    where = f"field {_quote(name)}"
+    where = f"field {quote(name)}"
     _check_keys(where, entry, {f.name for f in fields(Field)})
     axes = _take(where, entry, "axes", list, None)
     if axes is not None and not all(isinstance(a, str) for a in axes):
@@ -461,7 +344,7 @@ def _header(text: str) -> bytes:
         return bytes.fromhex(text[: 4 * MAX_HEADER_BYTES])
     except ValueError:
         raise LayoutError(
-            f'header {_quote(text)} is not hexadecimal; write bytes such as "A5 5A".'
+            f'header {quote(text)} is not hexadecimal; write bytes such as "A5 5A".'
         ) from None
 
 
@@ -469,7 +352,7 @@ def _check_keys(where: str, entry: Mapping[str, Any], known: set[str]) -> None:
     for key in entry:
         if key not in known:
             raise LayoutError(
-                f"{where}: the key {_quote(key)} is not known (known: {', '.join(sorted(known))})."
+                f"{where}: the key {quote(key)} is not known (known: {', '.join(sorted(known))})."
             )
 
 
@@ -502,11 +385,6 @@ def _number(where: str, entry: Mapping[str, Any], key: str, default: float | Non
         raise LayoutError(f"{where}: {key} is too large a number.") from None
 
 
-def _check_byte_order(where: str, order: str) -> None:
-    if order not in BYTE_ORDERS:
-        raise LayoutError(f'{where}: byte order {_quote(order)} must be "little" or "big".')
-
-
 def _without_defaults(value: Field | Checksum) -> dict[str, Any]:
     """Return a field or checksum as a table that leaves out what the default says anyway."""
     result = {}
@@ -517,8 +395,3 @@ def _without_defaults(value: Field | Checksum) -> dict[str, Any]:
                 list(entry) if isinstance(entry, Sequence) and f.name == "axes" else entry
             )
     return result
-
-
-def _quote(text: object) -> str:
-    shown = repr(text)
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."

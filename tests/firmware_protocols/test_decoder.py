@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from firmware_protocols.checksums import checksum
@@ -99,7 +99,7 @@ def split(stream):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=200)
+@settings(max_examples=150)
 @given(stream=TINY_STREAMS, cuts=st.lists(st.integers(0, 60), max_size=8))
 def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
     layout = TINY[name]
@@ -116,7 +116,7 @@ def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=300)
+@settings(max_examples=200)
 @given(stream=TINY_STREAMS, in_sync=st.booleans())
 @example(stream=b"\x01\x00\x01\x01\x00\x01\x00", in_sync=True)
 def test_array_form_and_plain_form_find_the_same(name, stream, in_sync):
@@ -162,7 +162,7 @@ def flip(data, *bits):
 
 
 @pytest.mark.parametrize("layout", [MPU, BARE], ids=["checksum", "no checksum"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15)
 @given(stream=damaged_streams(), cuts=st.lists(st.integers(0, 2000), max_size=12))
 def test_whole_halves_bytes_and_random_cuts_agree(layout, stream, cuts):
     packets, corrupt, skipped, decided = expected(layout, stream)
@@ -277,7 +277,7 @@ def test_ten_megabytes_of_mutated_packets():
     assert len(rows) - len(false) >= whole - 2 * len(false)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 4096), st.integers(0, 2**32), st.booleans())
 def test_the_packet_after_garbage_is_decoded(length, seed, with_headers):
     rng = np.random.default_rng(seed)
@@ -285,6 +285,8 @@ def test_the_packet_after_garbage_is_decoded(length, seed, with_headers):
     if with_headers:
         garbage = bytes(b"\xa5\x5a\x00\xff"[byte % 4] for byte in garbage)
     before, after = mpu_packets(2, seed=1), mpu_packets(3, first=2, seed=2)
+    by_chance, *_ = expected(MPU, garbage + after[:27])
+    assume(not by_chance)  # of 65536 headers in garbage one begins what looks like a packet
     packets, decoder = decode(MPU, before + garbage + after)
     assert [p for _, p in packets] == split(before + after)
     assert packets[2][0] == len(before) + length + 28
