@@ -10,8 +10,11 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from hypothesis import settings
 
 mpl.use("agg")
+settings.register_profile("untimed", deadline=None)  # a busy machine fails no test
+settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parent.parent
 LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
