@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,22 +14,17 @@ from imu_rig.errors import InputError, SessionStopped
 from imu_rig.session.progress import Progress, StopRequest
 
 if TYPE_CHECKING:
+    from imu_rig.calibration.certificate import Certificate
     from imu_rig.calibration.gravity import Gravity
-    from imu_rig.calibration.model import Affine
+    from imu_rig.calibration.result import CalibrationResult
     from imu_rig.clock import Clock
+    from imu_rig.recording.reader import Trial
+    from imu_rig.report.facts import Truth
     from imu_rig.session.run import SessionSetup
 
 TRIAL_NAME = "session.imu-trial"
 CERTIFICATE_NAME = "certificate.json"
 REPORT_NAME = "report.html"
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What simulated hardware really is, as calibrations that would be exact."""
-
-    accel: Affine
-    gyro: Affine
 
 
 def new_folder(output: Path | None) -> Path:
@@ -108,40 +102,62 @@ def finish(
 ) -> None:
     """Solve a finished session, write its certificate and report, and print the figures."""
     from imu_rig.calibration.certificate import certificate_of
-    from imu_rig.calibration.model import physical_figures
     from imu_rig.recording.reader import open_trial
-    from imu_rig.report.calibration import Truth as ReportTruth
-    from imu_rig.report.calibration import calibration_report, write_report
-    from imu_rig.cli.session_summary import session_summary
     from imu_rig.session.solve import solve_session
 
     opened = open_trial(trial)
     result = solve_session(opened, method=method, gravity=gravity)
     certificate = certificate_of(result, recording=(trial.name, opened.sha256))
+    files = write_results(folder, result, certificate, trial=opened, truth=truth)
+    show(result, certificate, {"trial": str(trial), **files}, as_json=as_json, truth=truth)
+
+
+def write_results(
+    folder: Path,
+    result: CalibrationResult,
+    certificate: Certificate,
+    *,
+    trial: Trial | None = None,
+    truth: Truth | None = None,
+) -> dict[str, str]:
+    """Write certificate and report into ``folder`` and return their paths by name."""
+    from imu_rig.cli.session_summary import session_summary
+    from imu_rig.report.calibration import calibration_report, write_report
+    from imu_rig.session.history import is_session
+
     certificate_path, report_path = folder / CERTIFICATE_NAME, folder / REPORT_NAME
     certificate.save(certificate_path)
+    summary = session_summary(trial) if trial is not None and is_session(trial) else None
     html = calibration_report(
         result,
         certificate=certificate,
-        session=session_summary(opened),
-        truth=None if truth is None else ReportTruth(truth.accel, truth.gyro),
+        session=summary,
+        truth=truth,
+        certificate_file=CERTIFICATE_NAME,
     )
     write_report(report_path, html)
-    files = {
-        "trial": str(trial),
-        "certificate": str(certificate_path),
-        "report": str(report_path),
-    }
-    true_figures = (
-        None
-        if truth is None
-        else (physical_figures(truth.accel), physical_figures(truth.gyro, truth.accel))
-    )
+    return {"certificate": str(certificate_path), "report": str(report_path)}
+
+
+def show(
+    result: CalibrationResult,
+    certificate: Certificate,
+    files: Mapping[str, str],
+    *,
+    as_json: bool,
+    truth: Truth | None = None,
+) -> None:
+    """Print a result on stdout, as text or as one JSON object."""
     if as_json:
         sys.stdout.write(json_text(certificate, files) + "\n")
         return
-    for line in result_lines(result, true_figures):
+    for line in result_lines(result, truth):
         sys.stdout.write(line + "\n")
+    if result.warnings:
+        sys.stdout.write("\n")
     for warning in result.warnings:
         sys.stdout.write(f"  ! {warning}\n")
-    sys.stdout.write("\n" + "\n".join(f"  {k:12}{v}" for k, v in files.items()) + "\n")
+    if files:
+        sys.stdout.write("\n")
+    for name, path in files.items():
+        sys.stdout.write(f"  {name:12}{path}\n")

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imu_rig.cli.sessions import Truth
 from imu_rig.clock import Clock, ScaledClock, SystemClock
 from imu_rig.errors import InputError
 from imu_rig.session.progress import Progress
 
 if TYPE_CHECKING:
+    from imu_rig.report.facts import Truth
     from imu_rig.session.run import SessionSetup
     from simulators.rig import SimulatedRig
 
@@ -37,6 +37,7 @@ def simulated_session(
     import numpy as np
 
     from imu_rig.calibration.model import Affine
+    from imu_rig.report.facts import Truth
     from simulators.rig import RigConfig, SimulatedRig
 
     if not 0 < speed <= MAX_SPEED:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,18 +14,19 @@ if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
     from imu_rig.calibration.model import PhysicalFigures
     from imu_rig.calibration.result import CalibrationResult
+    from imu_rig.report.facts import Truth
 
 MILLIRADIAN = 1e-3
 LABEL_WIDTH = 34
 
 
-def result_lines(
-    result: CalibrationResult, truth: tuple[PhysicalFigures, PhysicalFigures] | None = None
-) -> list[str]:
-    """Lines that tell a result; with ``truth`` (accelerometer, gyroscope) beside the true values.
+def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[str]:
+    """Lines that tell a result; with ``truth`` beside the true values.
 
     Uncertainties are standard uncertainties.
     """
+    from imu_rig.calibration.model import physical_figures
+
     accel = result.accel_errors
     lines = [
         f"Calibration of {result.device.name or 'the sensor'} by {result.method} from "
@@ -48,9 +49,13 @@ def result_lines(
     lines.append("")
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>12}{'std. unc.':>12}"
     lines.append(header + (f"{'true':>12}{'error':>12}" if truth else ""))
-    lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", truth and truth[0])
+    true = None if truth is None else physical_figures(truth.accel)
+    lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
     if result.gyro_figures is not None:
-        lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", truth and truth[1])
+        true = None
+        if truth is not None and truth.gyro is not None:
+            true = physical_figures(truth.gyro, truth.accel)
+        lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
     lines += ["", "  " + result.gravity.statement]
     return lines
 
@@ -86,12 +91,11 @@ def _figures(
     return lines
 
 
-def json_text(certificate: Certificate, files: Mapping[str, str | None], **more: Any) -> str:
-    """One JSON object: the certificate's content, the files written, and ``more``."""
+def json_text(certificate: Certificate, files: Mapping[str, str]) -> str:
+    """One JSON object: the certificate's content, and the files written."""
     content = {
         "certificate": certificate.model_dump(mode="json", by_alias=True),
         "files": dict(files),
-        **more,
     }
     return json.dumps(content, default=_plain, allow_nan=False)
 

@@ -491,7 +491,7 @@ class SessionEngine:
         self._progress = replace(self._progress, state=state, **changes)  # type: ignore[arg-type]  # floats only
         self._observe(self._progress)
 
-    def _event(self, name: str, **fields: object) -> None:
+    def _event(self, name: str, /, **fields: object) -> None:
         self._trial.event(name, **fields)
 
     def _notice(self, sentence: str) -> None:

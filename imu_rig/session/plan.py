@@ -119,8 +119,9 @@ def plan_move(
         turning = tuple(a for a in group if getattr(end, a) != getattr(position, a))
         if not turning:
             continue
-        target = position.model_copy(update={a: getattr(end, a) for a in turning})
-        before = {}
+        goal: dict[str, float] = {a: getattr(end, a) for a in turning}
+        target = position.model_copy(update=goal)
+        before: dict[str, float] = {}
         for axis in turning:
             approach[axis] = 1
             if getattr(end, axis) < getattr(position, axis):

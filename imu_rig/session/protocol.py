@@ -29,7 +29,7 @@ class Pose(BaseModel):
     tilt: Angle = 0.0
     roll: Angle = 0.0
 
-    def angles(self) -> dict[AxisName, float]:
+    def angles(self) -> dict[str, float]:
         """Angles by axis name [deg]."""
         return {"pan": self.pan, "tilt": self.tilt, "roll": self.roll}
 

@@ -60,9 +60,7 @@ def resumed_setup(path: Path, setup: SessionSetup) -> SessionSetup:
     """
     record = read_session(open_trial(path))
     if record.next_step == len(record.protocol.steps):
-        raise InputError(
-            f"The session in {path} is complete; solve it with: imu-rig solve {path}"
-        )
+        raise InputError(f"The session in {path} is complete; solve it with: imu-rig solve {path}")
     return SessionSetup(
         imu_url=setup.imu_url,
         maestro_url=setup.maestro_url,

@@ -1,0 +1,135 @@
+"""`imu-rig info`: what a trial file or a certificate holds, and whether it is whole."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from imu_rig.cli.options import Json
+from imu_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.certificate import Certificate
+    from imu_rig.recording.reader import Trial
+
+CERTIFICATE_SUFFIX = ".json"
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="A trial file or a certificate.")],
+    as_json: Json = False,
+) -> None:
+    """Tell what a file holds."""
+    from imu_rig.calibration.certificate import load_certificate
+    from imu_rig.recording.reader import open_trial
+
+    if file.suffix == CERTIFICATE_SUFFIX:
+        facts = _certificate_facts(load_certificate(file))
+    else:
+        trial = open_trial(file)
+        facts = _trial_facts(trial)
+    if as_json:
+        sys.stdout.write(json.dumps(facts, allow_nan=False) + "\n")
+        return
+    for line in _lines(facts, 0):
+        sys.stdout.write(line + "\n")
+
+
+def _trial_facts(trial: Trial) -> dict[str, Any]:
+    from imu_rig.session.history import is_session, read_session
+
+    damage = trial.damage
+    facts: dict[str, Any] = {
+        "file": str(trial.path),
+        "ended": trial.ended or "no end record: the recorder was killed or lost power",
+        "damage": {
+            "records lost": damage.records_lost,
+            "bytes skipped": damage.bytes_skipped,
+        },
+        "SHA-256": trial.sha256,
+        "sources": {name: _source_facts(trial, name) for name in trial.sources},
+    }
+    if is_session(trial):
+        session = read_session(trial)
+        facts["session"] = {
+            "sensor": f"{session.device} {session.serial}".strip(),
+            "protocol": f"{session.protocol.name} ({session.protocol.title})",
+            "jig": session.jig.name,
+            "finished": f"{len(session.finished)} of {len(session.protocol.steps)} stops",
+            "recoveries": session.recoveries,
+            "notices": list(session.notices),
+        }
+    return facts
+
+
+def _source_facts(trial: Trial, name: str) -> dict[str, Any]:
+    source = trial.sources[name]
+    wire = trial.wire(name)
+    facts: dict[str, Any] = {"kind": source.kind, "bytes received": len(wire.data)}
+    if source.kind == "imu":
+        block = trial.imu(name)
+        facts["samples"] = len(block)
+        if len(block) > 1:
+            span = float(block.t[-1] - block.t[0])
+            facts["duration"] = f"{span:.2f} s"
+            facts["rate"] = f"{(len(block) - 1) / span:.2f} Hz"
+            if block.counter is not None:
+                facts["lost"] = int(block.counter[-1] - block.counter[0]) + 1 - len(block)
+    return facts
+
+
+def _certificate_facts(certificate: Certificate) -> dict[str, Any]:
+    device = certificate.device
+    held = certificate.accel_errors.held_out
+    return {
+        "certificate": certificate.method,
+        "date": certificate.date.isoformat(),
+        "sensor": f"{device.name} {device.serial}".strip(),
+        "software": certificate.software,
+        "gravity": f"{certificate.gravity.value:.5f} m/s^2 ({certificate.gravity.source})",
+        "poses": len(certificate.poses),
+        "held-out gravity error": None if held is None else f"{held.rms:.5f} m/s^2 rms",
+        "recording": None if certificate.recording is None else certificate.recording.file,
+        "warnings": list(certificate.warnings),
+    }
+
+
+def _lines(facts: dict[str, Any], indent: int) -> list[str]:
+    lines = []
+    pad = "  " * indent
+    for key, value in facts.items():
+        if isinstance(value, dict):
+            lines += [f"{pad}{key}", *_lines(value, indent + 1)]
+        elif isinstance(value, list):
+            lines += [f"{pad}{key}: none"] if not value else [f"{pad}{key}"]
+            lines += [f"{pad}  - {item}" for item in value]
+        else:
+            lines.append(f"{pad}{key:{max(1, 26 - 2 * indent)}}{'-' if value is None else value}")
+    return lines
+
+
+def require_one_imu(trial: Trial, name: str | None) -> str:
+    """Name of the trial's sensor: the one asked for, or the only one there is.
+
+    Raises
+    ------
+    InputError
+        If there is none by that name, or several to choose from.
+    """
+    sensors = [n for n, source in trial.sources.items() if source.kind == "imu"]
+    if name is not None:
+        if name not in sensors:
+            raise InputError(
+                f"{trial.path} has no sensor '{name}' (it has {', '.join(sensors) or 'none'})."
+            )
+        return name
+    if len(sensors) != 1:
+        raise InputError(
+            f"{trial.path} holds {len(sensors)} sensors ({', '.join(sensors) or 'none'}): "
+            "name one with --sensor."
+        )
+    return sensors[0]
