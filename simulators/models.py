@@ -175,6 +175,8 @@ class SensorModel(Model):
         Rate that specific force feigns [deg/s per g].
     warm_up_c, warm_up_tau_s : float
         How far, and how fast, the sensor warms up after power-up.
+    powered_s : float
+        How long it has been on when the world starts; a restart does not cool it.
     accel_offset_mg_per_c, accel_gain_percent_per_c, gyro_offset_dps_per_c : float
         What each degree below the final temperature changes, alike on the three axes.
     ambient_c : float
@@ -196,8 +198,9 @@ class SensorModel(Model):
     accel_quadratic: Vector3 = ZERO
     accel_cubic: Vector3 = ZERO
     g_sensitivity: Matrix3 = NONE
-    warm_up_c: float = 1.0
+    warm_up_c: float = 3.0
     warm_up_tau_s: Positive = 300.0
+    powered_s: NotNegative = 1200.0
     accel_offset_mg_per_c: float = 0.3
     accel_gain_percent_per_c: float = 0.01
     gyro_offset_dps_per_c: float = 0.02

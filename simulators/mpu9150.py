@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,9 @@ MAG_COUNT = 0.3
 
 LEAST, GREATEST = -32768, 32767
 MAG_LEAST, MAG_GREATEST = -4096, 4095
+
+HISTORY_S = 3600
+"""Seconds of true offsets that are remembered."""
 
 WALK_TIME_S = 600.0
 """The time after which a walk has the standard deviation that its name gives."""
@@ -89,22 +93,35 @@ class Mpu9150:
         self._gyro_sensitivity = np.linalg.inv(np.array(model.gyro_gain))
         self._mag_sensitivity = np.linalg.inv(np.array(model.mag_gain))
         self._g_sensitivity = np.array(model.g_sensitivity) * (DEG / STANDARD_GRAVITY)
+        self._offsets = np.array((*model.accel_offset, *model.gyro_offset))
+        self._offsets_per_c = np.repeat(
+            (model.accel_offset_mg_per_c * MILLI_G, model.gyro_offset_dps_per_c * DEG), 3
+        )
         self._walks = np.zeros(6)
+        self._history: deque[tuple[float, FloatArray]] = deque(maxlen=HISTORY_S)
+        self._remembered_s = -1.0
 
-    @property
-    def accel_offset(self) -> FloatArray:
-        """Offset of the accelerometer [m/s^2] with its walk so far, once warm."""
-        return np.array(self.model.accel_offset) + self._walks[:3]
+    def offsets(self, start_s: float, stop_s: float) -> FloatArray:
+        """Return the mean true offsets between two world times, shape (6,).
 
-    @property
-    def gyro_offset(self) -> FloatArray:
-        """Offset of the gyroscope [rad/s] with its walk so far, once warm."""
-        return np.array(self.model.gyro_offset) + self._walks[3:]
+        Three of the accelerometer [m/s^2] and three of the gyroscope [rad/s], with walk and
+        warm-up, from about one value per second of the last hour; the nearest one where none is
+        in between. At the very start, those of the model.
+        """
+        if not self._history:
+            return self._offsets
+        within = [offsets for t, offsets in self._history if start_s <= t <= stop_s]
+        if not within:
+            middle = 0.5 * (start_s + stop_s)
+            within = [min(self._history, key=lambda entry: abs(entry[0] - middle))[1]]
+        mean: FloatArray = np.mean(within, axis=0)
+        return mean
 
     def temperature(self, t: FloatArray) -> FloatArray:
         """Return the temperature [degC] at world times."""
         model = self.model
-        return model.ambient_c + model.warm_up_c * (1.0 - np.exp(-t / model.warm_up_tau_s))
+        on_s = model.powered_s + t
+        return model.ambient_c + model.warm_up_c * (1.0 - np.exp(-on_s / model.warm_up_tau_s))
 
     def read(self, means: Means, vibration: Vibration | None, *, factor: float = 1.0) -> Readings:
         """Return the readings of a motion.
@@ -128,13 +145,13 @@ class Mpu9150:
         if vibration is not None:
             force = force + vibration.mean(means.t, means.duration)
         gained = self._nonlinear(force) * (1.0 + cold * (model.accel_gain_percent_per_c / 100.0))
-        offset = walks[:, :3] + model.accel_offset + cold * (model.accel_offset_mg_per_c * MILLI_G)
-        accel = _turned(self._accel_sensitivity, gained + offset)
+        offsets = walks + self._offsets + cold * self._offsets_per_c
+        self._remember(means.t, offsets)
+        accel = _turned(self._accel_sensitivity, gained + offsets[:, :3])
         accel += noise[:, :3] * (model.accel_noise_ug * 1e-6 * STANDARD_GRAVITY) / np.sqrt(duration)
 
         rate = means.rate + _turned(self._g_sensitivity, force)
-        offset = walks[:, 3:] + model.gyro_offset + cold * (model.gyro_offset_dps_per_c * DEG)
-        gyro = _turned(self._gyro_sensitivity, rate + offset)
+        gyro = _turned(self._gyro_sensitivity, rate + offsets[:, 3:])
         gyro += noise[:, 3:6] * (model.gyro_noise_dps * DEG) / np.sqrt(duration)
 
         mag = _turned(self._mag_sensitivity, means.field + np.array(model.mag_offset))
@@ -153,6 +170,12 @@ class Mpu9150:
             temperature=temperature,
             saturated=np.any((both <= LEAST) | (both >= GREATEST), axis=1),
         )
+
+    def _remember(self, t: FloatArray, offsets: FloatArray) -> None:
+        for row in np.flatnonzero(np.diff(np.floor(t), prepend=np.floor(self._remembered_s))):
+            self._history.append((float(t[row]), offsets[row].copy()))
+        if len(t):
+            self._remembered_s = float(t[-1])
 
     def _nonlinear(self, force: FloatArray) -> FloatArray:
         quadratic, cubic = self.model.accel_quadratic, self.model.accel_cubic

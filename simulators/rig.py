@@ -6,7 +6,7 @@ import selectors
 import tempfile
 import threading
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
@@ -260,6 +260,22 @@ class SimulatedRig:
         with self._lock:
             return {device: port.dropped for device, port in self._ports.items()}
 
+    def truth_between(self, start_ns: int, stop_ns: int) -> RigTruth:
+        """Return the truth with the mean offsets between two times on the rig's clock.
+
+        Offsets walk, the gyroscope's by far more than a calibration is uncertain: this is what to
+        compare a session's offsets with.
+        """
+        with self._lock:
+            offsets = self.world.imu.sensor.offsets(
+                (start_ns - self._origin_ns) / NS_PER_S, (stop_ns - self._origin_ns) / NS_PER_S
+            )
+        return replace(
+            self.truth,
+            accel=AffineTruth(self.truth.accel.K, _constant(offsets[:3])),
+            gyro=AffineTruth(self.truth.gyro.K, _constant(offsets[3:])),
+        )
+
     def _now_s(self) -> float:
         return (self._clock.now_ns() - self._origin_ns) / NS_PER_S
 
@@ -312,7 +328,7 @@ def _affine(gain: Matrix3, offset: Vector3) -> AffineTruth:
     return AffineTruth(_constant(gain), _constant(offset))
 
 
-def _constant(values: Matrix3 | Vector3) -> FloatArray:
+def _constant(values: Matrix3 | Vector3 | FloatArray) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array

@@ -53,8 +53,6 @@ class WorldState:
         True rotation matrix, sensor to navigation axes.
     moving : bool
         Whether any axis moves.
-    accel_offset, gyro_offset : shape (3,)
-        True offsets with their walk so far [m/s^2, rad/s], as of the last delivery of packets.
     temperature_c : float
     faults : mapping of device to whether a fault is in effect
     """
@@ -64,8 +62,6 @@ class WorldState:
     angles_deg: Mapping[str, float]
     attitude: FloatArray
     moving: bool
-    accel_offset: FloatArray
-    gyro_offset: FloatArray
     temperature_c: float
     faults: Mapping[str, bool]
 
@@ -193,8 +189,6 @@ class World:
             angles_deg={axis: s.angle / DEG for axis, s in self.servos.items()},
             attitude=self.jig.attitude(angles)[0],
             moving=not all(s.resting for s in self.servos.values()),
-            accel_offset=self.imu.sensor.accel_offset,
-            gyro_offset=self.imu.sensor.gyro_offset,
             temperature_c=float(self.imu.sensor.temperature(np.array(self.t_s))),
             faults={device: bool(self._faults(device)) for device in devices},
         )

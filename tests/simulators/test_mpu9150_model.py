@@ -80,11 +80,22 @@ def test_offsets_walk_as_far_as_their_name_says():
     ends = []
     for seed in range(80):
         walker = sensor(seed, gyro_walk_dps=0.1, accel_walk_mg=0.1)
-        for _ in range(3):  # in batches, as the firmware reads it
-            walker.read(replace(at_rest(200), duration=np.ones(200)), None)
-        ends.append(np.concatenate((walker.gyro_offset / DEG, walker.accel_offset / MILLI_G)))
+        for start in (0.0, 200.0, 400.0):  # in batches, as the firmware reads it
+            t = start + np.arange(1.0, 201.0)
+            walker.read(replace(at_rest(200), t=t, duration=np.ones(200)), None)
+        ends.append(walker.offsets(600.0, 600.0) / np.repeat((MILLI_G, DEG), 3))
     assert np.std(ends, axis=0) == pytest.approx(0.1, rel=0.3)
     assert np.sqrt(np.mean(np.square(ends))) == pytest.approx(0.1, rel=0.1)
+
+
+def test_remembered_offsets_are_those_the_readings_had():
+    drifting = sensor(quantized=False, gyro_walk_dps=50.0, accel_offset=(1.0, 2.0, 3.0))
+    assert drifting.offsets(0.0, 1.0) == pytest.approx([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+    readings = drifting.read(at_rest(6000), None)
+    mean = drifting.offsets(20.0, 50.0)
+    assert mean[3:] == pytest.approx(readings.gyro[2000:5000].mean(axis=0), abs=0.05)
+    assert np.abs(readings.gyro.std(axis=0)).min() > 0.05
+    assert drifting.offsets(30.0, 30.0)[3:] == pytest.approx(readings.gyro[2999], abs=0.02)
 
 
 def test_readings_are_whole_counts_and_stop_at_the_range():
@@ -116,6 +127,7 @@ def test_a_cold_sensor_is_off_and_a_warm_one_is_true():
     model = {
         "warm_up_c": 10.0,
         "warm_up_tau_s": 100.0,
+        "powered_s": 0.0,
         "accel_offset_mg_per_c": 0.5,
         "accel_gain_percent_per_c": 0.0,
         "gyro_offset_dps_per_c": 0.03,

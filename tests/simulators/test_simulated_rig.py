@@ -205,6 +205,18 @@ def test_the_truth_is_that_of_the_configuration_and_cannot_be_written():
         truth.accel.K[0, 0] = 2.0
 
 
+def test_the_truth_of_a_time_has_the_offsets_of_that_time():
+    clock = SteppedClock(5_000_000_000)
+    with SimulatedRig(RigConfig.random(11), clock=clock) as rig:
+        rig.step(20.0)
+        early = rig.truth_between(5_000_000_000, 10_000_000_000)
+        late = rig.truth_between(20_000_000_000, 25_000_000_000)
+        assert early.gyro.K is rig.truth.gyro.K
+        assert (early.gyro.b != late.gyro.b).all()
+        assert late.gyro.b == pytest.approx(rig.truth.gyro.b, abs=np.radians(0.1))
+        assert late.accel.b == pytest.approx(rig.truth.accel.b, abs=1e-3)
+
+
 def test_a_servo_on_a_channel_that_is_not_there_is_refused():
     config = RigConfig.model_validate({"maestro": {"channels": 6}})
     jig = config.jig.model_copy(update={"pan": config.jig.pan.model_copy(update={"channel": 7})})
