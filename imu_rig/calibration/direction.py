@@ -145,16 +145,16 @@ def fit_directions(
         raise DataError(f"{len(moves)} moves cannot determine nine gyroscope parameters")
     where = gravity_directions(stills, moves, accel, track)
     used = np.ones(len(moves), dtype=bool)
-    while True:
-        state = _converge(moves, where, track, K0, used)
-        if used.sum() < FEWEST_TO_JUDGE:
+    state = _converge(moves, where, track, K0, used)
+    while used.sum() >= max(FEWEST_TO_JUDGE, 0.85 * len(moves) + 1):
+        suspect = int(np.argmax(np.where(used, state.studentized(), 0.0)))
+        others = used.copy()
+        others[suspect] = False
+        # The others judge it: an outlier may not excuse itself by the scatter it makes.
+        without = _converge(moves, where, track, state.p[:9].reshape(3, 3), others)
+        if without.surprise(suspect) < OUTLIER:
             break
-        z = np.where(used, state.studentized(), 0.0)
-        worst = int(np.argmax(z))
-        if not z[worst] > OUTLIER or used.sum() <= 0.85 * len(moves):
-            break
-        used = used.copy()
-        used[worst] = False
+        used, state = others, without
     return _finish(moves, where, accel, track, state)
 
 
@@ -171,6 +171,11 @@ class _State:
     covariance: FloatArray  # (12, 12)
     prior: FloatArray  # (12,) information
     used: BoolArray
+
+    def surprise(self, j: int) -> float:
+        """Error of a move that was not used, in its own predicted sigmas."""
+        S = np.eye(2) * self.variance[j] + self.J[j] @ self.covariance @ self.J[j].T
+        return float(np.sqrt(self.residual[j] @ np.linalg.solve(S, self.residual[j])))
 
     def studentized(self) -> FloatArray:
         """Left-out error of every used move over its predicted sigma."""

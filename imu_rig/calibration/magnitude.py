@@ -21,6 +21,10 @@ NAMES = ("scale x", "lean xy", "lean xz", "scale y", "lean yz", "scale z")
 """The six elements of T in the order of `UPPER`; bias x, y and z follow."""
 FLICKER = 0.05 * MILLI_G
 """Wander of an accelerometer's bias that no averaging in one pose removes [m/s^2]."""
+WEAK = np.array([1.0] * 6 + [10.0] * 3)
+"""Standard deviation of a prior about the nominal sensor (gain, m/s^2): it keeps what the poses
+leave free from running away, and is too wide to move anything else."""
+NOMINAL = np.array([1.0, 0, 0, 1.0, 0, 1.0, 0, 0, 0])
 SCALE_DOF = 4.0
 """Weight of the still's own scatter when the poses judge the size of the errors."""
 OUTLIER = 6.0
@@ -43,7 +47,7 @@ class MagnitudeFit:
         Standard uncertainty of each mean along gravity, scaled by ``noise_scale`` [m/s^2].
     left_out, left_out_sigma : shape (m,)
         Error when the fit never saw the pose, and its predicted sigma [m/s^2]; NaN where the
-        other poses are fewer than nine or do not determine the fit.
+        other poses are fewer than nine.
     noise_scale : float
         Size of the residuals against the scatter within the stills, at least 1.
     used : shape (m,)
@@ -74,7 +78,7 @@ def fit_magnitude(means: FloatArray, sems: FloatArray, gravity: float) -> Magnit
     Raises
     ------
     DataError
-        Fewer than nine poses, or poses that leave a combination of parameters free.
+        Fewer than nine poses. What nine or more poses leave free shows as a huge uncertainty.
     """
     if len(means) < UNKNOWNS:
         raise DataError(f"{len(means)} poses cannot determine nine parameters")
@@ -125,10 +129,8 @@ def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -
     sigma = _sigma(p, means, sems)
     size, J = jacobian(p, means)
     error = size - gravity
-    C = _inverse(J[used] / sigma[used, None])
-    dof = float(used.sum() - UNKNOWNS)
-    chi2 = float(np.sum((error[used] / sigma[used]) ** 2))
-    scale = max(1.0, float(np.sqrt((chi2 + SCALE_DOF) / (dof + SCALE_DOF))))
+    C = _covariance(J[used] / sigma[used, None])
+    scale = _noise_scale(error[used] / sigma[used])
     left_out = np.full(len(means), np.nan)
     left_out_sigma = np.full(len(means), np.nan)
     for i in range(len(means)):
@@ -136,16 +138,23 @@ def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -
         others[i] = False
         if others.sum() < UNKNOWNS:
             continue
-        try:
-            q = _solve(p, means[others], sems[others], gravity)
-            there, slope = jacobian(q, means[i : i + 1])
-            D = _inverse(jacobian(q, means[others])[1] / sigma[others, None])
-        except DataError:
-            continue
+        q = _solve(p, means[others], sems[others], gravity)
+        there, slope = jacobian(q, means[i : i + 1])
+        sizes, slopes = jacobian(q, means[others])
+        D = _covariance(slopes / sigma[others, None])
+        # The others judge the size of the errors too: an outlier may not excuse itself.
+        own = _noise_scale((sizes - gravity) / sigma[others])
         left_out[i] = there[0] - gravity
-        left_out_sigma[i] = scale * np.sqrt(sigma[i] ** 2 + (slope @ D @ slope.T)[0, 0])
+        left_out_sigma[i] = own * np.sqrt(sigma[i] ** 2 + (slope @ D @ slope.T)[0, 0])
+    dof = float(used.sum() - UNKNOWNS)
     affine = Affine(*unpack(p), full_covariance(C * scale**2), dof=dof + SCALE_DOF)
     return MagnitudeFit(affine, error, sigma * scale, left_out, left_out_sigma, scale, used)
+
+
+def _noise_scale(z: FloatArray) -> float:
+    """Size of the residuals against the noise within the stills, never below it."""
+    dof = len(z) - UNKNOWNS
+    return max(1.0, float(np.sqrt((z @ z + SCALE_DOF) / (dof + SCALE_DOF))))
 
 
 def _sigma(p: FloatArray, means: FloatArray, sems: FloatArray) -> FloatArray:
@@ -184,18 +193,19 @@ def _descend(
 ) -> tuple[float, FloatArray]:
     """Levenberg-Marquardt; weights follow the estimate, which only turns the noise axes."""
     damping = 1e-3
-    unit = np.array([1.0] * 6 + [gravity] * 3)
     for _ in range(60):
         sigma = _sigma(p, means, sems)
         size, J = jacobian(p, means)
-        r = (size - gravity) / sigma
-        J = J * unit / sigma[:, None]
+        r = np.concatenate(((size - gravity) / sigma, (p - NOMINAL) / WEAK))
+        J = np.concatenate((J * WEAK / sigma[:, None], np.eye(UNKNOWNS)))
         N = J.T @ J
         cost = float(r @ r)
         while True:
-            step = -np.linalg.solve(N + damping * np.diag(np.diag(N) + 1e-12), J.T @ r)
-            q = p + unit * step
-            tried = float(np.sum(((jacobian(q, means)[0] - gravity) / sigma) ** 2))
+            step = -np.linalg.solve(N + damping * np.diag(np.diag(N)), J.T @ r)
+            q = p + WEAK * step
+            misfit = (jacobian(q, means)[0] - gravity) / sigma
+            prior = (q - NOMINAL) / WEAK
+            tried = float(misfit @ misfit + prior @ prior)
             if tried <= cost or damping > 1e8:
                 break
             damping *= 10.0
@@ -206,12 +216,7 @@ def _descend(
     return cost, p
 
 
-def _inverse(J: FloatArray) -> FloatArray:
-    """Covariance of unit-weight rows J (m, 9), refusing what they leave free."""
-    scale = np.linalg.norm(J, axis=0)
-    if np.all(scale > 0):
-        singular, V = np.linalg.svd(J / scale)[1:]
-        if len(singular) == J.shape[1] and singular[-1] > 1e-7 * singular[0]:
-            W = V.T / singular
-            return np.asarray((W @ W.T) / np.outer(scale, scale))
-    raise DataError("the poses leave a combination of scale, lean and bias undetermined")
+def _covariance(J: FloatArray) -> FloatArray:
+    """Covariance (9, 9) of unit-weight rows J (m, 9) and the weak prior."""
+    scaled = J * WEAK
+    return np.asarray(np.linalg.inv(scaled.T @ scaled + np.eye(UNKNOWNS)) * np.outer(WEAK, WEAK))

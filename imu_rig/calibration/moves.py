@@ -6,6 +6,7 @@ its derivative with respect to gain and bias comes out of the same tree.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,6 +68,14 @@ class Moves:
     def scaled(self, factor: float) -> Moves:
         """Return the moves with every rate times ``factor``, as another unit would have it."""
         return replace(self, rate=self.rate * factor)
+
+    def with_gravity(self, calibrate: Callable[[FloatArray], FloatArray]) -> Moves:
+        """Return the moves with calibrated gravity at their ends."""
+        return replace(
+            self,
+            gravity_before=calibrate(self.gravity_before),
+            gravity_after=calibrate(self.gravity_after),
+        )
 
     def only(self, keep: BoolArray) -> Moves:
         """Return the moves that ``keep`` (n,) marks."""

@@ -33,8 +33,8 @@ LARGE_GYRO = (0.5, 5e-3, 0.02 * DEG)
 NO_ACCEL = (10.0, 0.1, 1.0)
 """Standard uncertainties beyond which a data sheet says more: the parameter is not determined."""
 NO_GYRO = (5.0, 0.1, 1.0 * DEG)
-HOPELESS = 30.0 * DEG
-"""Median gravity-direction error of an uncalibrated gyroscope that no calibration explains."""
+HOPELESS = 5.0 * DEG
+"""Median gravity-direction error after calibration that makes the gyroscope's gain worthless."""
 LARGE_EXCESS = 0.3 * DEG
 LARGE_NOISE_SCALE = 2.5
 LARGE_WALK = 0.2 * DEG
@@ -60,10 +60,7 @@ def multi_position(session: Session) -> Outcome:
             f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
             f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
         )
-    try:
-        fit = fit_magnitude(stills.accel_mean, stills.accel_sem, session.gravity.value)
-    except DataError as error:
-        raise DataError(f"{error}; {_add(directions)}") from error
+    fit = fit_magnitude(stills.accel_mean, stills.accel_sem, session.gravity.value)
     figures = physical_figures(fit.affine)
     free = _beyond(figures, NO_ACCEL)
     if free:
@@ -86,7 +83,7 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
     stills = session.stills
     track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
     moves = moves_between(session.block, stills, track.at_stills, session.gyro_bad)
-    refuse_wrong_gyro(moves, track.at_stills)
+    refuse_wrong_gyro(moves.with_gravity(accel.affine.apply), track.at_stills)
     turns = (
         "turn it by 90 to 180 degrees between still poses about each of its axes while that "
         "axis is level"
@@ -95,6 +92,12 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
         fit = fit_directions(moves, stills, accel.affine, track, np.eye(3))
     except DataError as error:
         return None, [f"The gyroscope was not calibrated: {error}; {turns}."]
+    if float(np.median(fit.error)) > HOPELESS:
+        raise DataError(
+            f"gyroscope and gravity disagree by {np.median(fit.error) / DEG:.0f} degrees in a "
+            "typical move whatever the gain: check the gyroscope's unit, its axes and the sample "
+            "rate"
+        )
     figures = physical_figures(fit.affine, accel.affine)
     free = _beyond(figures, NO_GYRO)
     if free:
@@ -142,12 +145,6 @@ def refuse_wrong_gyro(moves: Moves, bias: FloatArray) -> None:
         raise DataError(
             f"{off}, and agree if the gyroscope's x, y, z are the accelerometer's "
             f"{describe_axes(match.axes)}: correct the order and signs of its columns"
-        )
-    # A few percent of gain and lean stay far below this; nothing simple explains it.
-    if match.error > HOPELESS:
-        raise DataError(
-            f"{off}: check the gyroscope's unit, its axes and the sample rate; they cannot be "
-            "calibrated against each other like this"
         )
 
 

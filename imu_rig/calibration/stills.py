@@ -60,7 +60,7 @@ class Stills:
         Samples averaged.
     drift : shape (m,)
         Largest difference between the means of the two halves over the axes of the
-        accelerometer, in its own standard errors: above 8 the sensor moved in the hold.
+        accelerometer, in the standard errors of a typical still: above 8 the sensor moved.
     """
 
     start: IntArray
@@ -191,58 +191,52 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
 
 
 def _summary(block: ImuBlock, start: IntArray, stop: IntArray) -> Stills:
-    rate = sample_rate(block.t)
-    size = max(2, round(BLOCK_S * rate))
-    accel = [_block_scatter(block.accel[i:j], size) for i, j in zip(start, stop, strict=True)]
-    gyro = [_block_scatter(block.gyro[i:j], size) for i, j in zip(start, stop, strict=True)]
-    blocks = np.array([a.blocks for a in accel], dtype=float)
+    size = max(2, round(BLOCK_S * sample_rate(block.t)))
+    rows = list(zip(start, stop, strict=True))
+    accel = [_block_means(block.accel[i:j], size) for i, j in rows]
+    gyro = [_block_means(block.gyro[i:j], size) for i, j in rows]
+    accel_sem, typical = _standard_errors(accel, LEAST_ACCEL_NOISE)
+    gyro_sem, _ = _standard_errors(gyro, LEAST_GYRO_NOISE)
+    halves = np.array([_half_difference(means) for means in accel]).reshape(-1, 3)
+    pairs = np.array([len(means) // 2 for means in accel], dtype=float)
     return Stills(
         start=start,
         stop=stop,
         t0=block.t[start],
         t1=block.t[stop - 1],
-        accel_mean=np.array([a.mean for a in accel]).reshape(-1, 3),
-        gyro_mean=np.array([g.mean for g in gyro]).reshape(-1, 3),
-        accel_sem=_standard_errors(np.array([a.variance for a in accel]), blocks, accel=True),
-        gyro_sem=_standard_errors(np.array([g.variance for g in gyro]), blocks, accel=False),
+        accel_mean=np.array([block.accel[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
+        gyro_mean=np.array([block.gyro[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
+        accel_sem=accel_sem,
+        gyro_sem=gyro_sem,
         count=stop - start,
-        drift=np.array([a.drift for a in accel]),
+        drift=np.max(halves / np.sqrt(2.0 * typical / pairs[:, None]), axis=1, initial=0.0),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Scatter:
-    mean: FloatArray
-    variance: FloatArray  # of the means of whole blocks
-    blocks: float
-    drift: float
-
-
-def _block_scatter(x: FloatArray, size: int) -> _Scatter:
+def _block_means(x: FloatArray, size: int) -> FloatArray:
+    """Means of whole blocks (k, 3), k at least 4, of samples (n, 3)."""
     size = max(1, min(size, len(x) // 4))
     count = len(x) // size
-    means = x[: count * size].reshape(count, size, 3).mean(axis=1)
-    variance = means.var(axis=0, ddof=1)
-    half = count // 2
-    first, second = means[:half], means[-half:]
-    within = (first.var(axis=0, ddof=1) + second.var(axis=0, ddof=1)) / half if half > 1 else 0.0
-    # Three axes and few blocks: the pooled scatter keeps a lucky axis from crying wolf.
-    spread = np.sqrt(np.mean(within) + np.finfo(float).tiny)
-    drift = float(np.max(np.abs(first.mean(axis=0) - second.mean(axis=0)))) / spread
-    return _Scatter(x.mean(axis=0), variance, len(x) / size, drift)
+    return np.asarray(x[: count * size].reshape(count, size, 3).mean(axis=1))
 
 
-def _standard_errors(variance: FloatArray, blocks: FloatArray, *, accel: bool) -> FloatArray:
-    if not len(variance):
-        return np.empty((0, 3))
-    dof = np.floor(blocks)[:, None] - 1.0
+def _half_difference(means: FloatArray) -> FloatArray:
+    half = len(means) // 2
+    return np.asarray(np.abs(means[:half].mean(axis=0) - means[-half:].mean(axis=0)))
+
+
+def _standard_errors(means: list[FloatArray], least_noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return standard errors (m, 3) of the means of blocks, and the typical variance (3,)."""
+    if not means:
+        return np.empty((0, 3)), np.ones(3)
+    variance = np.array([m.var(axis=0, ddof=1) for m in means])
+    blocks = np.array([len(m) for m in means], dtype=float)[:, None]
+    dof = blocks - 1.0
     # The median of a chi-square variable over its degrees of freedom (Wilson and Hilferty).
     typical = np.median(variance / (1.0 - 2.0 / (9.0 * dof)) ** 3, axis=0)
-    least = (LEAST_ACCEL_NOISE if accel else LEAST_GYRO_NOISE) ** 2 / 10.0
-    pooled = np.maximum(typical, least)
-    shrunk = (dof * variance + PRIOR_DOF * pooled) / (dof + PRIOR_DOF)
-    errors: FloatArray = np.sqrt(shrunk / blocks[:, None])
-    return errors
+    typical = np.maximum(typical, least_noise**2 / 10.0)
+    shrunk = (dof * variance + PRIOR_DOF * typical) / (dof + PRIOR_DOF)
+    return np.sqrt(shrunk / blocks), typical
 
 
 def _sliding(x: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:

@@ -54,10 +54,15 @@ def _repeats(value: FloatArray, extreme: float, shortest: int) -> bool:
     runs = np.convolve(at.astype(int), np.ones(shortest, dtype=int), mode="valid")
     if not np.any(runs == shortest):
         return False
-    high = (value > 0.5 * extreme) & ~at
-    steps = high[1:] & high[:-1]
-    # A coarse or noiseless signal repeats itself everywhere; then a repeated extreme says nothing.
-    return not np.any(steps) or float(np.mean(value[1:][steps] == value[:-1][steps])) < 0.1
+    # A coarse or noiseless signal repeats itself everywhere; a repeated extreme says nothing then.
+    free = ~at[1:] & ~at[:-1]
+    if np.any(free) and float(np.mean(value[1:][free] == value[:-1][free])) > 0.5:
+        return False
+    # A smooth peak in coarse steps leaves more samples just below its top than on it.
+    levels = np.unique(value[value > 0.5 * extreme])
+    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+    below = (value < extreme) & (value > extreme - 10.5 * step)
+    return int(np.sum(at)) > int(np.sum(below))
 
 
 @dataclass(frozen=True, eq=False)
