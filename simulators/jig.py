@@ -7,6 +7,7 @@ x, y and z, for the wobble of a pose. Between them stand constant rotations.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from imu_rig.units import DEG
 from simulators.models import JigModel, Vector3
 
 JOINTS = 6
+SERVO_JOINTS = 3
 JOINT_AXES = (2, 1, 0, 0, 1, 2)
 """Axis of each joint: 0 is x, 1 is y, 2 is z."""
 
@@ -61,11 +63,12 @@ class Jig:
         skew_tilt = about_x(model.tilt_skew_deg * DEG)
         skew_roll = about_z(model.roll_skew_deg * DEG)
         base = _rotation((*model.base_tilt_deg, 0.0))
+        self._mounting: FloatArray = skew_roll.T @ _rotation(model.mounting_deg)
         self._before: tuple[FloatArray | None, ...] = (
             base,
             skew_tilt,
             skew_tilt.T @ skew_roll,
-            skew_roll.T @ _rotation(model.mounting_deg),
+            self._mounting,
             None,
             None,
         )
@@ -98,10 +101,13 @@ class Jig:
         axis e. The force is ``up + a x r + w x (w x r)`` at the lever arm r.
         """
         number = len(angles)
+        moving = SERVO_JOINTS if _at_rest(rates, accelerations) else JOINTS
         cos, sin = np.cos(angles).T, np.sin(angles).T
         rate_rows, acceleration_rows = rates.T, accelerations.T
         carried = np.broadcast_to(self._nav, (3, 5, number))
-        for joint, (before, axis) in enumerate(zip(self._before, JOINT_AXES, strict=True)):
+        for joint, (before, axis) in enumerate(
+            zip(self._before[:moving], JOINT_AXES[:moving], strict=True)
+        ):
             if before is not None:
                 carried = (before.T @ carried.reshape(3, -1)).reshape(3, 5, number)
             first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -116,10 +122,23 @@ class Jig:
             turned[second, _ACCELERATION] -= q * turned[first, _RATE]
             turned[axis, _RATE] += q
             carried = turned
+        if moving < JOINTS:
+            mounted = self._mounting @ _wobble(*angles[0, SERVO_JOINTS:].tolist())
+            carried = (mounted.T @ carried.reshape(3, -1)).reshape(3, 5, number)
         w, a = carried[:, _RATE], carried[:, _ACCELERATION]
         lever = self._lever[:, np.newaxis]
         force = carried[:, _UP] + _cross(a, lever) + _cross(w, _cross(w, lever))
         return Motion(force.T, (w + carried[:, _EARTH]).T, carried[:, _FIELD].T)
+
+
+def _at_rest(rates: FloatArray, accelerations: FloatArray) -> bool:
+    """Return whether the joints of the wobble stand still, as they do most of the time."""
+    return not (rates[:, SERVO_JOINTS:].any() or accelerations[:, SERVO_JOINTS:].any())
+
+
+@lru_cache(maxsize=4)
+def _wobble(x: float, y: float, z: float) -> FloatArray:
+    return about_x(x) @ about_y(y) @ about_z(z)
 
 
 def _rotation(vector_deg: Vector3) -> FloatArray:

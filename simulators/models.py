@@ -19,7 +19,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-NONE: Matrix3 = (ZERO, ZERO, ZERO)
+ZERO_MATRIX: Matrix3 = (ZERO, ZERO, ZERO)
 
 MaestroMode = Literal["uart-detect", "usb-dual-port", "usb-chained"]
 """Serial modes of a Maestro; from the factory it is "uart-detect", deaf on its command port."""
@@ -197,7 +197,7 @@ class SensorModel(Model):
     gyro_walk_dps: NotNegative = 0.1
     accel_quadratic: Vector3 = ZERO
     accel_cubic: Vector3 = ZERO
-    g_sensitivity: Matrix3 = NONE
+    g_sensitivity: Matrix3 = ZERO_MATRIX
     warm_up_c: float = 3.0
     warm_up_tau_s: Positive = 300.0
     powered_s: NotNegative = 1200.0

@@ -112,7 +112,7 @@ class World:
         )
         self.maestro = MaestroBoard(config.maestro, config.maestro_mode, rngs[6])
         self._pose_rng = rngs[7]
-        self._wobble = tuple(Follower(0.0, WOBBLE_BANDWIDTH_HZ) for _ in range(3))
+        self._wobble = [Follower(0.0, WOBBLE_BANDWIDTH_HZ) for _ in range(3)]
         self._joints: tuple[Servo | Follower, ...] = (*self.servos.values(), *self._wobble)
         self._steps = 0
         self._last_move_s = -math.inf
@@ -197,7 +197,7 @@ class World:
         """Step the mechanics up to a step number."""
         steps = self._steps
         rows = self.imu.sampler.steps
-        pan, tilt, roll, wobble_x, wobble_y, wobble_z = self._joints
+        pan, tilt, roll = self.servos.values()
         while steps < end:
             if steps % STEPS_PER_TICK == 0:
                 self._steps = steps
@@ -208,12 +208,18 @@ class World:
                 rows.extend(still * (until - steps))
                 steps = until
                 continue
+            wobbling = not all(joint.resting for joint in self._wobble)
+            wobble: tuple[float, ...] = ()
             while steps < until:
-                a, b, c = pan.step(), tilt.step(), roll.step()
-                d, e, f = wobble_x.step(), wobble_y.step(), wobble_z.step()
-                rows.extend((*a, *b, *c, *d, *e, *f))
+                if wobbling or not wobble:
+                    wobble = self._step_wobble()
+                rows.extend((*pan.step(), *tilt.step(), *roll.step(), *wobble))
                 steps += 1
         self._steps = steps
+
+    def _step_wobble(self) -> tuple[float, ...]:
+        x, y, z = self._wobble
+        return (*x.step(), *y.step(), *z.step())
 
     def _tick(self, number: int) -> None:
         now_s = number * STEPS_PER_TICK * STEP_S

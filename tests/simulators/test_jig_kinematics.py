@@ -71,6 +71,17 @@ def test_at_rest_the_force_is_gravity_of_the_place_whatever_the_pose(crooked):
     assert np.linalg.norm(motion.field, axis=1) == pytest.approx(np.linalg.norm(FIELD))
 
 
+def test_a_wobble_at_rest_is_the_limit_of_a_slow_one(crooked):
+    angles, rates, accelerations = (np.tile(row, (3, 1)) for row in np.vstack(swing(0.4)))
+    rates[:, 3:] = accelerations[:, 3:] = 0.0
+    resting = crooked.motion(angles, rates, accelerations)
+    rates[:, 3:] = 1e-12
+    slow = crooked.motion(angles, rates, accelerations)
+    assert resting.force == pytest.approx(slow.force, abs=1e-9)
+    assert resting.rate == pytest.approx(slow.rate, abs=1e-9)
+    assert resting.field == pytest.approx(slow.field, abs=1e-9)
+
+
 def test_a_square_jig_has_the_attitude_pan_tilt_roll():
     square = jig(RigConfig.ideal().jig)
     pan, tilt, roll = 0.7, -0.4, 2.1
