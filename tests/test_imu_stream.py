@@ -224,7 +224,7 @@ def test_silence_does_not_shift_samples_that_nothing_counts():
 # --- losses and other accidents --------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     gaps=st.lists(st.tuples(st.integers(5, 1900), st.integers(1, 900)), max_size=4),
     bursty=st.booleans(),
@@ -243,7 +243,7 @@ def test_losses_longer_than_the_counters_turn_are_counted_by_the_clock(gaps, bur
     np.testing.assert_array_equal(block.counter - block.counter[0], kept - kept[0])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     moved=st.lists(st.tuples(st.integers(10, 105), st.integers(1, 8)), max_size=4),
     repeated=st.lists(st.integers(1, 118), max_size=4, unique=True),

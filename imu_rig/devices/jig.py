@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
@@ -37,8 +38,9 @@ __all__ = [
     "load_jig",
 ]
 
-FOLLOW_S = 0.5
-"""How long after its predicted arrival an axis may be on its way still [s]."""
+# Constants of time.
+FOLLOW_S = 0.5  # without any progress after its predicted arrival: an axis is stuck
+MACHINE_FOLLOW_S = 0.25  # of the machine's own time at least, for clocks that run faster
 
 _log = logging.getLogger(__name__)
 
@@ -91,6 +93,7 @@ class Jig:
         self._targets: dict[AxisName, int] = {}  # commanded here [quarter-us]
         self._seen: dict[AxisName, int] = {}  # last pulse reported that was one
         self._due_ns: dict[AxisName, int] = {}  # when each axis should have arrived
+        self._moved: dict[AxisName, tuple[int, int, float]] = {}  # pulse, since when on two clocks
         maestro.limits = {axis.channel: axis.limits_quarter_us for axis in self._axes.values()}
 
     def start(self) -> None:
@@ -166,12 +169,11 @@ class Jig:
                 "errors",
             )
         positions = self._positions()
-        now = self._clock.now_ns()
         for axis, target in self._targets.items():
             position = positions[axis]
             if position == 0:
                 raise self._reset_fault(axis)
-            if position != target and now > self._due_ns[axis] + FOLLOW_S * NS_PER_S:
+            if position != target and self._overdue(axis):
                 raise self._stuck_fault(axis, position, target)
 
     def park(self) -> None:
@@ -260,11 +262,20 @@ class Jig:
     def _positions(self) -> dict[AxisName, int]:
         """Ask for the pulse of every axis [quarter-us]; 0 is none."""
         positions = {name: self._maestro.position(self._axes[name].channel) for name in AXES}
+        now = (self._clock.now_ns(), time.monotonic())
         for name, pulse in positions.items():
             low, high = self._axes[name].limits_quarter_us
             if low <= pulse <= high:
                 self._seen[name] = pulse
+            if name not in self._moved or self._moved[name][0] != pulse:
+                self._moved[name] = (pulse, *now)
         return positions
+
+    def _overdue(self, axis: AxisName) -> bool:
+        """Whether an axis should have arrived and has made no progress since."""
+        _, since_ns, machine_s = self._moved[axis]
+        waited_ns = self._clock.now_ns() - max(self._due_ns[axis], since_ns)
+        return waited_ns > FOLLOW_S * NS_PER_S and time.monotonic() - machine_s > MACHINE_FOLLOW_S
 
     def _take_hold(self, released: Iterable[AxisName]) -> None:
         """Send pulses to released servos where they were last seen, or else where they park."""

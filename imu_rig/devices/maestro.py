@@ -18,7 +18,6 @@ from firmware_protocols.maestro import (
     SetSpeed,
     SetTarget,
     StopScript,
-    decode_reply_u16,
     encode,
     reply_length,
 )
@@ -28,10 +27,10 @@ from imu_rig.errors import DeviceError, DeviceLost, LimitError
 
 # Constants of time.
 REPLY_S = 0.5  # until a reply counts as missing
-MACHINE_REPLY_S = 0.15  # of the machine's own time at least, for clocks that run faster
+MACHINE_REPLY_S = 0.3  # of the machine's own time at least, for clocks that run faster
 READ_S = 0.02  # one read while waiting
-SETTLE_S = 0.05  # of silence after which no late reply is on its way any more
-SETTLE_MOST_S = 0.7
+LATE_S = 1.0  # after a question: a reply that has not come by then never will
+SETTLE_S = 0.05  # of silence on a line where somebody else may have asked before
 
 ATTEMPTS = 2
 """How often a question is asked before the controller counts as lost."""
@@ -47,9 +46,9 @@ Tap = Callable[[int, Literal["in", "out"], bytes], None]
 class MaestroClient:
     """Talks to one Maestro. Safe to use from several threads; nobody else reads its port.
 
-    Replies carry no mark of what they answer, so input is flushed before every question, a reply
-    of the wrong length or an impossible value is asked for again, and after a missing reply the
-    line is left to fall silent first.
+    Replies carry no mark of what they answer. So input is flushed before every question, an
+    impossible or missing reply is asked for once more, and as long as a missing one may still be
+    under way no other question is asked.
 
     Parameters
     ----------
@@ -92,6 +91,8 @@ class MaestroClient:
         self._lock = threading.RLock()
         self._port: Port | None = None
         self._answered = False
+        self._owed_bytes = 0  # of replies that may still come ...
+        self._owed_until_s = 0.0  # ... until then, on the machine's clock
         self._settled = True
 
     @property
@@ -110,7 +111,7 @@ class MaestroClient:
         with self._lock:
             if self._port is None:
                 self._port = open_port(self.url, baud=self._baud)
-                self._settled = False
+                self._settled, self._owed_bytes = False, 0
 
     def close(self) -> None:
         """Close the port; the controller keeps its targets."""
@@ -219,16 +220,19 @@ class MaestroClient:
         length = reply_length(command)
         reply = b""
         with self._lock:
-            for _ in range(ATTEMPTS):
-                self._flush()
+            self._flush()
+            for asked in range(1, ATTEMPTS + 1):
                 self._write(data)
+                self._owed_bytes += length
+                self._owed_until_s = time.monotonic() + LATE_S
                 reply = self._collect(length)
-                if len(reply) == length:
-                    value = decode_reply_u16(reply) if length == 2 else reply[0]
+                # the second time a late first answer may come along, to the same question
+                if length <= len(reply) <= asked * length:
+                    value = int.from_bytes(reply[:length], "little")
                     if possible(value):
                         self._answered = True
                         return value
-                self._settled = False
+            self._settled = False
         raise self._no_answer(command, reply)
 
     def _collect(self, length: int) -> bytes:
@@ -244,12 +248,14 @@ class MaestroClient:
         return reply
 
     def _flush(self) -> None:
-        """Read away what is not an answer to the next question."""
-        begin = time.monotonic()
+        """Read away what is not an answer to the next question, and wait for what is owed."""
         wait_s = 0.0 if self._settled else SETTLE_S
-        while self._read(wait_s) and time.monotonic() - begin < SETTLE_MOST_S:
-            pass
-        self._settled = True
+        enough_s = time.monotonic() + LATE_S  # for a line that never falls silent
+        while time.monotonic() < enough_s:
+            owed = self._owed_bytes > 0 and time.monotonic() < self._owed_until_s
+            if not self._read(READ_S if owed else wait_s) and not owed:
+                break
+        self._owed_bytes, self._settled = 0, True
 
     def _read(self, timeout_s: float) -> bytes:
         port = self._require_port()
@@ -260,6 +266,7 @@ class MaestroClient:
             raise
         if data and self._tap is not None:
             self._tap(self._clock.now_ns(), "in", data)
+        self._owed_bytes -= len(data)
         return data
 
     def _write(self, data: bytes) -> None:
