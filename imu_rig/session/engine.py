@@ -32,12 +32,14 @@ SILENCE_S = 0.6  # without a packet: the sensor is lost
 REST_S = 1.5  # of rest before the first move, to learn the sensor's own scatter
 REST_PATIENCE_S = 8.0
 ARRIVAL_PATIENCE_S = 2.0  # beyond the predicted travel
+MIN_STILL_S = 0.4  # a hold used to this length at least, whatever its settling takes away
 STILL_PATIENCE_S = 12.0  # until a pose has been held still, beyond the hold itself
 RECOVERY_S = 10.0  # for a lost device to come back
 RECOVERY_RETRY_S = 0.3
 PARK_PATIENCE_S = 8.0
 STOP_PATIENCE_S = 2.0  # for parking after the user asked to stop
 
+SLOW_ANSWER_S = 0.6  # for the questions of one look at the controller
 LAG_WARNING_S = 0.3  # of delay of the sensor's data
 
 MAX_RECOVERIES_PER_STEP = 2
@@ -97,7 +99,7 @@ class SessionEngine:
         self._monitor: StillnessMonitor | None = None
         self._since_still: list[ImuBlock] = []
         self._newest_s = -np.inf
-        self._last_still: tuple[PlannedStep, _Still] | None = None
+        self._last_still: tuple[Pose, _Still] | None = None
         self._restarts = imu.health.restarts
         self._noticed: set[str] = set()
 
@@ -178,7 +180,7 @@ class SessionEngine:
             turns=record,
         )
         self._require_monitor().follow_bias(still.block)
-        self._last_still = (step, still)
+        self._last_still = (step.pose, still)
         self._since_still = [still.block]
         self.outcome.finished.append(step.index)
 
@@ -225,6 +227,7 @@ class SessionEngine:
         monitor = self._require_monitor()
         monitor.clear()
         since = arrived_s + self._plan.protocol.settle_s
+        wanted = max(MIN_STILL_S, step.hold_s - self._plan.protocol.settle_s)
         deadline = Deadline(self._clock, STILL_PATIENCE_S + step.hold_s)
         start: float | None = None
         restarts = 0
@@ -232,12 +235,14 @@ class SessionEngine:
             self._watch()
             motion = monitor.excess(since)
             self._progress = replace(self._progress, motion=motion)
+            if motion != float("inf"):
+                self._check_gravity(self._samples(self._newest_s - WINDOW_S, self._newest_s))
             if motion < 1.0:
                 if start is None:
                     start = max(since, self._newest_s - WINDOW_S)
                 held = self._newest_s - start
                 self._state("holding", held_s=held)
-                if held >= step.hold_s:
+                if held >= wanted:
                     block = self._samples(start, self._newest_s)
                     if checks.share_lost(block) <= LOST_IN_HOLD:
                         return _Still(start, self._newest_s, block)
@@ -254,14 +259,20 @@ class SessionEngine:
                     "that no servo hunts."
                 )
 
+    def _check_gravity(self, resting: ImuBlock) -> None:
+        problem = checks.wrong_gravity(self._imu.name, resting)
+        if problem is not None:
+            raise DeviceError(problem)
+
     def _check_turn(self, step: PlannedStep, still: _Still) -> None:
-        problem = checks.wrong_gravity(self._imu.name, still.block)
-        if problem is None and self._last_still is not None:
-            before, held = self._last_still
-            way = self._samples(held.stop, still.start)
-            if len(way) >= 2 and checks.share_lost(way) <= LOST_IN_HOLD:
-                bias = np.mean(held.block.gyro, axis=0)
-                problem = checks.wrong_turn(way, bias, before.pose, step.pose)
+        if self._last_still is None:
+            return
+        before, held = self._last_still
+        way = self._samples(held.stop, still.start)
+        if len(way) < 2 or checks.share_lost(way) > LOST_IN_HOLD:
+            return
+        bias = np.mean(held.block.gyro, axis=0)
+        problem = checks.wrong_turn(way, bias, before, step.pose)
         if problem is not None:
             raise DeviceError(problem)
 
@@ -298,7 +309,9 @@ class SessionEngine:
             if deadline.expired:
                 raise DeviceError(problem)
         self._monitor = StillnessMonitor(quiet)
-        self._since_still = []
+        self._since_still = [block]
+        rest = _Still(float(block.t[0]), float(block.t[-1]), block)
+        self._last_still = (self._plan.start, rest)
         self._event("rest", accel_scatter=quiet.accel, gyro_scatter=quiet.gyro)
 
     def _park(self, patience_s: float) -> None:
@@ -371,7 +384,6 @@ class SessionEngine:
                 self._clock.sleep(RECOVERY_RETRY_S)
                 continue
             break
-        self._last_still = None
         self.outcome.recoveries += 1
         self._event("recovered")
         self._notice("It came back; the session goes on with the pose it was at.")
@@ -403,6 +415,13 @@ class SessionEngine:
         if now - self._jig_looked_ns > JIG_CHECK_S * NS_PER_S:
             self._jig_looked_ns = now
             self._jig.check()
+            answered_s = (self._clock.now_ns() - now) / NS_PER_S
+            if answered_s > SLOW_ANSWER_S:
+                self._notice_once(
+                    "slow controller",
+                    f"The servo controller is slow to answer ({answered_s:.1f} s); the session "
+                    "takes longer.",
+                )
         self._check_disk()
         self._clock.sleep(POLL_S)
 

@@ -96,7 +96,7 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
                 hold_s=hold,
                 stages=stages,
                 approach=approach,
-                duration_s=travel + pauses + protocol.settle_s + hold,
+                duration_s=travel + pauses + hold,
             )
         )
         position = pose

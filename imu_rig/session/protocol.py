@@ -58,6 +58,8 @@ class Step(BaseModel):
 class JigProtocol(BaseModel):
     """A whole session as its file describes it.
 
+    ``hold_s`` is the time at each stop; its first ``settle_s`` are not used, and motion begins
+    it anew.
     ``order`` says which axes may turn together: the axes of one group start at the same time, the
     groups follow each other with ``pause_s`` between them, so that a turn about a single axis can
     be told from the rest.
@@ -82,7 +84,7 @@ class JigProtocol(BaseModel):
         return self
 
     def hold_of(self, step: Step) -> float:
-        """Seconds of stillness that ``step`` asks for."""
+        """Seconds that ``step`` is held, settling included."""
         if step.hold_s is not None:
             return step.hold_s
         return self.rotation_hold_s if step.kind == "rotation" else self.hold_s
