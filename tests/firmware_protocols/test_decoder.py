@@ -99,7 +99,7 @@ def split(stream):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(stream=TINY_STREAMS, cuts=st.lists(st.integers(0, 60), max_size=8))
 def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
     layout = TINY[name]
@@ -116,7 +116,7 @@ def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=200)
+@settings(max_examples=150)
 @given(stream=TINY_STREAMS, in_sync=st.booleans())
 @example(stream=b"\x01\x00\x01\x01\x00\x01\x00", in_sync=True)
 def test_array_form_and_plain_form_find_the_same(name, stream, in_sync):
@@ -162,7 +162,7 @@ def flip(data, *bits):
 
 
 @pytest.mark.parametrize("layout", [MPU, BARE], ids=["checksum", "no checksum"])
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(stream=damaged_streams(), cuts=st.lists(st.integers(0, 2000), max_size=12))
 def test_whole_halves_bytes_and_random_cuts_agree(layout, stream, cuts):
     packets, corrupt, skipped, decided = expected(layout, stream)
