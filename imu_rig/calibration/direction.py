@@ -19,6 +19,7 @@ from imu_rig.calibration.stills import Stills
 from imu_rig.errors import DataError
 
 UNKNOWNS = 9
+NOMINAL = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
 FOLDS = 10
 OUTLIER = 6.0
 FEWEST_TO_JUDGE = 12
@@ -139,7 +140,7 @@ def fit_directions(
     Raises
     ------
     DataError
-        Too few moves, or moves that leave part of the gain free.
+        Too few moves. What they leave free shows as a huge uncertainty.
     """
     if 2 * len(moves) < UNKNOWNS:
         raise DataError(f"{len(moves)} moves cannot determine nine gyroscope parameters")
@@ -194,14 +195,15 @@ def _converge(
     moves: Moves, where: Directions, track: BiasTrack, K0: FloatArray, used: BoolArray
 ) -> _State:
     p = np.concatenate((K0.ravel(), np.zeros(3)))
-    # The stills know the mean bias; the moves may only refine it.
-    prior = np.concatenate((np.zeros(9), 1.0 / np.maximum(track.mean_sigma, 1e-9) ** 2))
+    # The stills know the mean bias; the moves may only refine it. The gain's own prior only keeps
+    # what the moves leave free from running away.
+    prior = np.concatenate((np.ones(9), 1.0 / np.maximum(track.mean_sigma, 1e-9) ** 2))
     excess = 0.0
     for _ in range(25):
         q, residual, J = _linearize(moves, where, track, p)
         variance = where.variance + excess**2
         step, covariance = _gauss_newton(residual, J, variance, prior, p, used)
-        if np.max(np.abs(step[:9])) < 1e-7:
+        if np.max(np.abs(step[:9])) < 1e-6:
             break
         # A step beyond the range of the linearization is shortened, not refused.
         p = p + step * min(1.0, 0.3 / float(np.max(np.abs(step[:9]))))
@@ -235,14 +237,9 @@ def _gauss_newton(
     weight = used / variance
     N = np.einsum("nia,n,nib->ab", J, weight, J) + np.diag(prior)
     g = np.einsum("nia,n,ni->a", J, weight, residual)
-    g[9:] += prior[9:] * p[9:]
+    g += prior * (p - NOMINAL)
     scale = np.sqrt(np.diag(N))
-    if not np.all(scale > 0):
-        raise DataError("the moves do not turn about every axis of the gyroscope")
-    values, V = np.linalg.eigh(N / np.outer(scale, scale))
-    if values[0] < 1e-12 * values[-1]:
-        raise DataError("the moves leave part of the gyroscope's gain undetermined")
-    covariance = (V / values) @ V.T / np.outer(scale, scale)
+    covariance = np.linalg.inv(N / np.outer(scale, scale)) / np.outer(scale, scale)
     return -covariance @ g, covariance
 
 
@@ -298,21 +295,11 @@ def _held_out(moves: Moves, where: Directions, track: BiasTrack, state: _State) 
         kept = state.used & ~away
         if 2 * kept.sum() < UNKNOWNS:
             continue
-        try:
-            step, _ = _gauss_newton(
-                state.residual, state.J, state.variance, state.prior, state.p, kept
-            )
-            p = state.p + step
-            if np.max(np.abs(step[:9])) > 0.01:
-                p = _converge(
-                    moves.only(~away),
-                    _rows(where, ~away),
-                    track,
-                    state.p[:9].reshape(3, 3),
-                    state.used[~away],
-                ).p
-        except DataError:
-            continue
+        step, _ = _gauss_newton(state.residual, state.J, state.variance, state.prior, state.p, kept)
+        p = state.p + step
+        if np.max(np.abs(step[:9])) > 0.01:
+            start = state.p[:9].reshape(3, 3)
+            p = _converge(moves.only(~away), _rows(where, ~away), track, start, state.used[~away]).p
         errors[away] = direction_errors(
             moves.only(away), _rows(where, away), p[:9].reshape(3, 3), track.at_stills + p[9:]
         )

@@ -32,7 +32,8 @@ LARGE_GYRO = (0.5, 5e-3, 0.02 * DEG)
 """The same of a gyroscope, bias in rad/s."""
 NO_ACCEL = (10.0, 0.1, 1.0)
 """Standard uncertainties beyond which a data sheet says more: the parameter is not determined."""
-NO_GYRO = (5.0, 0.1, 1.0 * DEG)
+NO_GAIN, NO_LEAN = 0.05, 0.1
+"""The same of a gyroscope's gains, on and off the diagonal."""
 HOPELESS = 5.0 * DEG
 """Median gravity-direction error after calibration that makes the gyroscope's gain worthless."""
 LARGE_EXCESS = 0.3 * DEG
@@ -98,15 +99,16 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
             "typical move whatever the gain: check the gyroscope's unit, its axes and the sample "
             "rate"
         )
-    figures = physical_figures(fit.affine, accel.affine)
-    free = _beyond(figures, NO_GYRO)
+    # Column j of K is what a turn about raw axis j does.
+    unknown = fit.affine.K_uncertainty / np.where(np.eye(3) > 0, NO_GAIN, NO_LEAN)
+    free = [axis for j, axis in enumerate(AXES) if unknown[:, j].max() > 1.0]
     if free:
-        axes = sorted({name[-1] if name.startswith("scale") else name[5] for name in free})
         return None, [
-            f"The gyroscope was not calibrated because the moves do not determine its "
-            f"{_list(free)}: turn it by 90 to 180 degrees between still poses about "
-            f"{_list(axes)} while that axis is level."
+            f"The gyroscope was not calibrated because the moves do not show how it responds to "
+            f"turns about {_list(free)}: turn it by 90 to 180 degrees between still poses about "
+            f"{_list(free)} while that axis is level."
         ]
+    figures = physical_figures(fit.affine, accel.affine)
     outcome = GyroOutcome(
         affine=fit.affine,
         first=moves.first,

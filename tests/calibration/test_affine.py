@@ -113,14 +113,14 @@ def test_uncertainty_of_the_figures_is_the_scatter_of_their_values():
     affine = any_affine(rng)
     stated = physical_figures(affine)
     draws = rng.multivariate_normal(
-        np.concatenate((affine.K.ravel(), affine.b)), affine.covariance, size=500
+        np.concatenate((affine.K.ravel(), affine.b)), affine.covariance, size=300
     )
     values = [
         physical_figures(Affine(d[:9].reshape(3, 3), d[9:], np.zeros((12, 12)))) for d in draws
     ]
     for name in ("scale_percent", "cross_rad", "bias"):
         scatter = np.std([getattr(v, name) for v in values], axis=0)
-        assert np.allclose(scatter, getattr(stated, name + "_u"), rtol=0.15), name
+        assert np.allclose(scatter, getattr(stated, name + "_u"), rtol=0.2), name
 
 
 @pytest.mark.parametrize(

@@ -80,9 +80,9 @@ def test_convergence_from_a_sensor_far_from_its_data_sheet():
 
 def test_intervals_contain_the_truth_as_often_as_they_say_and_nothing_is_biased():
     z, inside, left_out, warned = [], [], [], 0
-    for seed in range(100):
+    for seed in range(80):
         walk = 0.1 * DEG / np.sqrt(600) if seed % 2 else 0.0
-        truth, recording = session(100 + seed, 16 + seed % 5, hold_s=1.3, move_s=1.0, walk=walk)
+        truth, recording = session(100 + seed, 16 + seed % 3, hold_s=1.3, move_s=0.9, walk=walk)
         result = solve(recording.block)
         one_z, one_inside = deviation(result, truth)
         z.append(one_z)
@@ -90,7 +90,7 @@ def test_intervals_contain_the_truth_as_often_as_they_say_and_nothing_is_biased(
         left_out += [pose.left_out / pose.left_out_sigma for pose in result.poses]
         warned += len(result.warnings)
     z, inside = np.array(z), np.array(inside)
-    # 100 sessions: nine accelerometer numbers, nine gains, three biases; standard error 0.01.
+    # 80 sessions: nine accelerometer numbers, nine gains, three biases; standard error 0.01.
     for part in (slice(0, 9), slice(9, 18), slice(18, 21)):
         assert 0.90 < inside[:, part].mean() < 0.99
         assert 0.8 < np.sqrt(np.mean(z[:, part] ** 2)) < 1.2
@@ -316,7 +316,7 @@ def test_turning_only_while_an_axis_is_upright_leaves_the_gyroscope_out_and_says
     assert result.gyro is None
     assert result.moves == ()
     (warning,) = [w for w in result.warnings if "gyroscope was not calibrated" in w]
-    assert "scale x" in warning
+    assert "turns about x:" in warning
     assert "about x while that axis is level" in warning
 
 
