@@ -84,7 +84,8 @@ def detect_form(
     rows = [(i, line) for i, line in enumerate(lines) if _is_content(line)]
     if not rows:
         raise InputError(f"{path} holds no lines of data")
-    tail = [line for _, line in rows[-JUDGED_LINES:]]
+    # The later half of a short file: a preamble may be as long as its data.
+    tail = [line for _, line in rows[-min(JUDGED_LINES, (len(rows) + 1) // 2) :]]
     best = max(_candidates(delimiter, decimal), key=lambda c: _numbers_per_line(tail, c[0], c[1]))
     form = Form(best[0], best[1], 0, 0, None, ())
     if _numbers_per_line(tail, *best) < FEWEST_COLUMNS:
@@ -97,7 +98,7 @@ def detect_form(
     numeric = [
         j
         for j in range(columns)
-        if sum(_is_number(f[j], form.decimal) for f in typical) * 2 > len(typical)
+        if sum(_is_number(f[j], form.decimal) for f in typical) * 2 >= len(typical)
     ]
     first = next(i for i, line in rows if _is_data(form, line, columns, numeric))
     above = [line for i, line in rows if i < first]
