@@ -106,6 +106,8 @@ def _solve(
         used = [axis] if diagonal else [0, 1, 2]
         A = np.column_stack((u[:, used], -duration))
         inverse = _inverse(A, axis, what)
+        if not np.any(np.abs(known[:, axis]) > 1e-6 * np.abs(known).max()):
+            raise DataError(_undetermined(axis, what))
         x = inverse @ (A.T @ known[:, axis])
         K[axis, used], b[axis] = x[:-1], x[-1]
         columns.append([3 * axis + j for j in used] + [9 + axis])
@@ -124,8 +126,12 @@ def _inverse(A: FloatArray, axis: int, what: str) -> FloatArray:
     scale = np.linalg.norm(A, axis=0)
     singular = np.linalg.svd(A / np.where(scale > 0, scale, 1.0), compute_uv=False)
     if np.any(scale == 0) or singular[-1] * WORST_CONDITION < singular[0]:
-        raise DataError(
-            f"the {what} do not determine the {AXES[axis]} axis: they must point or turn along "
-            "all three axes, both ways"
-        )
+        raise DataError(_undetermined(axis, what))
     return np.asarray(np.linalg.inv(A.T @ A))
+
+
+def _undetermined(axis: int, what: str) -> str:
+    return (
+        f"the {what} do not determine the {AXES[axis]} axis: they must point or turn along all "
+        "three axes, both ways"
+    )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.direction import (
     angles_turned,
     direction_errors,
@@ -28,6 +30,7 @@ from imu_rig.calibration.session import (
     Outcome,
     Session,
 )
+from imu_rig.calibration.stills import gaps
 from imu_rig.errors import DataError, InputError
 
 FOLDS = 10
@@ -85,19 +88,9 @@ def _gyro(
     stills, block = session.stills, session.block
     track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
     moves = moves_between(block, stills, track.at_stills, session.gyro_bad)
-    turns, durations, theta = [], [], []
-    for first, last in zip(moves.first, moves.last, strict=True):
-        rows = slice(int(stills.stop[first]) - 1, int(stills.start[last]) + 1)
-        turn, duration = integrated_turn(block.t[rows], block.gyro[rows])
-        known = commanded.turn(int(first), int(last))
-        neighbours = session.order[last] == session.order[first] + 1
-        turns.append(turn)
-        durations.append(duration)
-        theta.append(known if known is not None and neighbours else np.full(3, np.nan))
-    u, T, known_theta = np.array(turns), np.array(durations), np.array(theta).reshape(-1, 3)
-    single = np.isfinite(known_theta).all(axis=1)
+    driven = _driven(session, commanded)
     try:
-        fit = paper_gyroscope(u[single], T[single], known_theta[single], model)
+        fit = driven.fit(np.ones(len(driven.T), dtype=bool), model)
     except DataError as error:
         return None, (
             f"The gyroscope was not calibrated: {error}; turn one servo at a time, each of the "
@@ -107,16 +100,16 @@ def _gyro(
     zero = np.zeros_like(track.at_stills)
     held_out = np.full(len(moves), np.nan)
     fold = np.arange(len(moves)) % FOLDS
+    inside = driven.t > stills.t1[moves.first[:1]].min(initial=np.inf)
+    move_of = np.where(inside, np.searchsorted(stills.t0[moves.last], driven.t), -1)
     for k in range(FOLDS):
-        kept = single & (fold != k)
+        kept = ~np.isin(move_of, np.flatnonzero(fold == k))
         try:
-            affine = paper_gyroscope(u[kept], T[kept], known_theta[kept], model).affine
+            affine = driven.fit(kept, model).affine
         except DataError:
             continue
         errors = direction_errors(moves, where, affine.K, zero + raw_bias(affine))
         held_out[fold == k] = errors[fold == k]
-    vector = np.full((len(moves), 3), np.nan)
-    vector[single] = fit.residual
     after = direction_errors(moves, where, fit.affine.K, zero + raw_bias(fit.affine))
     outcome = GyroOutcome(
         affine=fit.affine,
@@ -127,9 +120,54 @@ def _gyro(
         after=after,
         held_out=held_out,
         sigma=np.sqrt(where.variance),
-        vector_error=vector,
+        vector_error=_vector_errors(driven, fit, move_of, len(moves)),
     )
     return outcome, ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """``n`` turns about one fixed axis each: raw integral, duration, known rotation, middle."""
+
+    u: FloatArray
+    T: FloatArray
+    theta: FloatArray
+    t: FloatArray
+
+    def fit(self, kept: BoolArray, model: Model) -> PaperFit:
+        return paper_gyroscope(self.u[kept], self.T[kept], self.theta[kept], model)
+
+
+def _driven(session: Session, commanded: CommandedPoses) -> _Driven:
+    """Collect the turns that can be integrated: one servo, no gap, no reading at the limit."""
+    block, stills = session.block, session.stills
+    holes = gaps(block.t)
+    u, T, theta, middle = [], [], [], []
+    for turn in commanded.driven(stills.t0, stills.t1, session.order):
+        known = turn.rotation_vector()
+        a, b = (int(i) for i in np.searchsorted(block.t, (turn.t0, turn.t1)))
+        if known is None or b - a < 2 or np.any((holes >= a) & (holes < b)):
+            continue
+        if np.any(session.gyro_bad[a:b]):
+            continue
+        integral, duration = integrated_turn(block.t[a:b], block.gyro[a:b])
+        u.append(integral)
+        T.append(duration)
+        theta.append(known)
+        middle.append((turn.t0 + turn.t1) / 2)
+    return _Driven(
+        np.array(u).reshape(-1, 3), np.array(T), np.array(theta).reshape(-1, 3), np.array(middle)
+    )
+
+
+def _vector_errors(driven: _Driven, fit: PaperFit, move_of: IntArray, moves: int) -> FloatArray:
+    """Error of the commanded rotation per move (moves, 3) [rad]; NaN where it was not one turn."""
+    vector = np.full((moves, 3), np.nan)
+    for move in range(moves):
+        rows = np.flatnonzero(move_of == move)
+        if len(rows) == 1:
+            vector[move] = fit.residual[rows[0]]
+    return vector
 
 
 def raw_bias(affine: Affine) -> FloatArray:

@@ -16,6 +16,39 @@ from imu_rig.errors import InputError
 from imu_rig.units import DEG
 
 
+@dataclass(frozen=True)
+class CommandedTurn:
+    """One driven part of a move, on the time of the block.
+
+    Attributes
+    ----------
+    t0, t1 : float
+        Begin and end [s]; the sensor rests at both.
+    start_deg, stop_deg : tuple of float
+        Commanded pan, tilt and roll before and after [deg].
+    """
+
+    t0: float
+    t1: float
+    start_deg: tuple[float, float, float]
+    stop_deg: tuple[float, float, float]
+
+    def rotation_vector(self) -> FloatArray | None:
+        """Rotation vector (3,) in sensor axes [rad] of an ideal jig.
+
+        None where not exactly one servo moved: that is no turn about one fixed axis.
+        """
+        change = (np.array(self.stop_deg) - np.array(self.start_deg)) * DEG
+        moved = np.flatnonzero(np.abs(change) > 1e-9)
+        if len(moved) != 1:
+            return None
+        _, tilt, roll = np.array(self.start_deg) * DEG
+        tilted = rotation.about_y(tilt) @ rotation.about_x(roll)
+        axes = (tilted[2], rotation.about_x(roll)[1], np.array([1.0, 0.0, 0.0]))
+        axis = int(moved[0])
+        return np.asarray(axes[axis] * change[axis])
+
+
 @dataclass(frozen=True, eq=False)
 class CommandedPoses:
     """Angles that a jig was told to take, one row per still window.
@@ -26,10 +59,14 @@ class CommandedPoses:
         Pan, tilt and roll [deg]; turns beyond 180 deg count as they are.
     names : tuple of str
         A name per pose; ``"pose 1"`` and so on where empty.
+    turns : tuple of CommandedTurn
+        The parts that the moves were driven in; where empty, a move from one pose to the next
+        counts as one turn.
     """
 
     angles_deg: FloatArray
     names: tuple[str, ...] = ()
+    turns: tuple[CommandedTurn, ...] = ()
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles_deg, dtype=float)
@@ -45,20 +82,24 @@ class CommandedPoses:
         A = rotation.about_z(pan) @ rotation.about_y(tilt) @ rotation.about_x(roll)
         return np.asarray(A[:, 2, :] * magnitude)
 
-    def turn(self, first: int, last: int) -> FloatArray | None:
-        """Rotation vector (3,) in sensor axes [rad] from one pose to another.
+    def driven(self, t0: FloatArray, t1: FloatArray, order: IntArray) -> tuple[CommandedTurn, ...]:
+        """Return the driven turns, or else one from each pose to the next.
 
-        None where more than one servo moved: that is no turn about one fixed axis.
+        Parameters
+        ----------
+        t0, t1 : shape (m,)
+            Begin and end of the still of every pose [s].
+        order : shape (m,)
+            Place of each pose among all that were held: neighbours differ by one.
         """
-        change = (self.angles_deg[last] - self.angles_deg[first]) * DEG
-        moved = np.flatnonzero(np.abs(change) > 1e-9)
-        if len(moved) != 1:
-            return None
-        _, tilt, roll = self.angles_deg[first] * DEG
-        tilted = rotation.about_y(tilt) @ rotation.about_x(roll)
-        axes = (tilted[2], rotation.about_x(roll)[1], np.array([1.0, 0.0, 0.0]))
-        axis = int(moved[0])
-        return np.asarray(axes[axis] * change[axis])
+        if self.turns:
+            return self.turns
+        angles = [tuple(row) for row in self.angles_deg.tolist()]
+        return tuple(
+            CommandedTurn(float(t1[i]), float(t0[i + 1]), angles[i], angles[i + 1])
+            for i in range(len(angles) - 1)
+            if order[i + 1] == order[i] + 1
+        )
 
 
 @dataclass(frozen=True, eq=False)

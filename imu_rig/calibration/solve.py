@@ -186,7 +186,7 @@ def _commanded_of(commanded: CommandedPoses | None, usable: BoolArray) -> Comman
     if commanded is None:
         return None
     names = tuple(n for n, keep in zip(commanded.names, usable, strict=False) if keep)
-    return CommandedPoses(commanded.angles_deg[usable], names)
+    return CommandedPoses(commanded.angles_deg[usable], names, commanded.turns)
 
 
 def _result(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -77,6 +78,7 @@ def calibrate(
     from imu_rig.cli import sessions
     from imu_rig.clock import Clock, SystemClock
     from imu_rig.devices.jig import load_jig
+    from imu_rig.session.progress import Progress, ignore
     from imu_rig.session.protocol import load_protocol
     from imu_rig.session.run import SessionSetup, resumed_setup
 
@@ -112,25 +114,20 @@ def calibrate(
         return
     with ExitStack() as stack:
         clock: Clock = SystemClock()
-        watch = None
-        truth = None
+        simulated = None
+        watch: Callable[[Progress], None] = ignore
         if simulate:
             from imu_rig.cli.simulated import FaultPlan, simulated_session
 
-            clock, setup, rig, truth = stack.enter_context(
-                simulated_session(setup, seed=seed, speed=speed)
-            )
-            watch = FaultPlan(fault or [], rig, steps=len(plan.steps))
+            simulated = stack.enter_context(simulated_session(setup, seed=seed, speed=speed))
+            clock, setup = simulated.clock, simulated.setup
+            watch = FaultPlan(fault or [], simulated.rig, steps=len(plan.steps))
         folder = resume.parent if resume is not None else sessions.new_folder(output)
         trial = resume or folder / sessions.TRIAL_NAME
         sessions.run_in_view(
-            setup,
-            trial,
-            clock,
-            resume=resume is not None,
-            quiet=quiet,
-            watch=watch or (lambda progress: None),
+            setup, trial, clock, resume=resume is not None, quiet=quiet, watch=watch
         )
+        truth = None if simulated is None else simulated.truth()
     sessions.finish(
         trial, folder, method=method, gravity=local_gravity, as_json=as_json, truth=truth
     )

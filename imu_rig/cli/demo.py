@@ -44,9 +44,10 @@ def demo(
             f"({plan.duration_s:.0f} s of jig time).\n"
         )
     trial = folder / sessions.TRIAL_NAME
-    with simulated_session(setup, seed=seed, speed=speed) as (clock, simulated, rig, truth):
-        gravity = Gravity.given(rig.truth.gravity)
-        sessions.run_in_view(simulated, trial, clock, resume=False, quiet=quiet)
+    with simulated_session(setup, seed=seed, speed=speed) as simulated:
+        gravity = Gravity.given(simulated.rig.truth.gravity)
+        sessions.run_in_view(simulated.setup, trial, simulated.clock, resume=False, quiet=quiet)
+        truth = simulated.truth()
     sessions.finish(
         trial, folder, method=DEFAULT_METHOD, gravity=gravity, as_json=as_json, truth=truth
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from imu_rig.cli.live import SessionView, stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
 from imu_rig.errors import InputError, SessionStopped
-from imu_rig.session.progress import Progress, StopRequest
+from imu_rig.session.progress import Progress, StopRequest, ignore
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -55,7 +55,7 @@ def run_in_view(
     *,
     resume: bool,
     quiet: bool,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    watch: Callable[[Progress], None] = ignore,
 ) -> None:
     """Run a session with its live view; signals park the jig and close the file.
 

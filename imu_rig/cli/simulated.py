@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 from imu_rig.clock import Clock, ScaledClock, SystemClock
 from imu_rig.errors import InputError
@@ -23,10 +24,34 @@ FAULT = re.compile(
 )
 
 
+@dataclass(frozen=True)
+class SimulatedSession:
+    """A session pointed at a simulated rig that is being served."""
+
+    clock: Clock
+    setup: SessionSetup
+    rig: SimulatedRig
+    start_ns: int
+
+    def truth(self) -> Truth:
+        """Return what the sensor was, its walking offsets averaged from the start until now."""
+        import numpy as np
+
+        from imu_rig.calibration.model import Affine
+        from imu_rig.report.facts import Truth
+
+        exact = np.zeros((12, 12))
+        true = self.rig.truth_between(self.start_ns, self.clock.now_ns())
+        return Truth(
+            accel=Affine(true.accel.K, true.accel.b, exact),
+            gyro=Affine(true.gyro.K, true.gyro.b, exact),
+        )
+
+
 @contextmanager
 def simulated_session(
     setup: SessionSetup, *, seed: int, speed: float
-) -> Iterator[tuple[Clock, SessionSetup, SimulatedRig, Truth]]:
+) -> Iterator[SimulatedSession]:
     """Serve a simulated rig and point a session at it.
 
     Raises
@@ -34,23 +59,17 @@ def simulated_session(
     InputError
         If the speed is not one that this machine's scheduler can hold.
     """
-    import numpy as np
-
-    from imu_rig.calibration.model import Affine
-    from imu_rig.report.facts import Truth
     from simulators.rig import RigConfig, SimulatedRig
 
     if not 0 < speed <= MAX_SPEED:
         raise InputError(f"--speed must be above 0 and at most {MAX_SPEED:g}, not {speed:g}.")
+    if seed < 0:
+        raise InputError(f"--seed must not be negative, and is {seed}.")
     clock: Clock = SystemClock() if speed == 1 else ScaledClock(speed)
-    exact = np.zeros((12, 12))
-    with SimulatedRig(RigConfig.random(seed), clock=clock) as rig:
-        truth = Truth(
-            accel=Affine(rig.truth.accel.K, rig.truth.accel.b, exact),
-            gyro=Affine(rig.truth.gyro.K, rig.truth.gyro.b, exact),
-        )
+    transport: Literal["pty", "tcp"] = "tcp" if sys.platform == "win32" else "pty"
+    with SimulatedRig(RigConfig.random(seed), clock=clock, transport=transport) as rig:
         simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
-        yield clock, simulated, rig, truth
+        yield SimulatedSession(clock, simulated, rig, clock.now_ns())
 
 
 class FaultPlan:

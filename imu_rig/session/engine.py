@@ -20,7 +20,7 @@ from imu_rig.errors import DeviceError, DeviceLost, ImuRigError, SessionInterrup
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
 from imu_rig.session.plan import PlannedStep, SessionPlan, Stage, plan_move
-from imu_rig.session.progress import Progress, SessionOutcome, StopRequest
+from imu_rig.session.progress import Progress, SessionOutcome, StopRequest, ignore
 from imu_rig.session.protocol import Pose
 from imu_rig.session.stillness import WINDOW_S, StillnessMonitor, scatter
 
@@ -83,7 +83,7 @@ class SessionEngine:
         trial: TrialWriter,
         clock: Clock,
         *,
-        observe: Callable[[Progress], None] = lambda progress: None,
+        observe: Callable[[Progress], None] = ignore,
         notify: Callable[[str], None] = lambda sentence: None,
         stop: StopRequest | None = None,
         first_step: int = 0,

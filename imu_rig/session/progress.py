@@ -27,6 +27,10 @@ class Progress:
     remaining_s: float = 0.0
 
 
+def ignore(progress: Progress) -> None:
+    """Observe nothing."""
+
+
 @dataclass
 class SessionOutcome:
     """How a session ended: indices of finished stops, and all it had to say on the way."""

@@ -18,7 +18,7 @@ from imu_rig.recording.writer import TrialWriter
 from imu_rig.session.engine import SessionEngine
 from imu_rig.session.history import IMU_SOURCE, MAESTRO_SOURCE, read_session, session_config
 from imu_rig.session.plan import SessionPlan, plan_session
-from imu_rig.session.progress import Progress, SessionOutcome, StopRequest
+from imu_rig.session.progress import Progress, SessionOutcome, StopRequest, ignore
 from imu_rig.session.protocol import JigProtocol
 
 
@@ -83,7 +83,7 @@ def run_session(
     *,
     resume: bool = False,
     stop: StopRequest | None = None,
-    observe: Callable[[Progress], None] = lambda progress: None,
+    observe: Callable[[Progress], None] = ignore,
     notify: Callable[[str], None] = lambda sentence: None,
 ) -> SessionOutcome:
     """Run a session into the trial file ``path`` (new, or a stopped one with ``resume``).

@@ -15,7 +15,7 @@ from simulated_sessions import (
 
 from imu_rig import rotation
 from imu_rig.calibration.paper import integrated_turn, paper_accelerometer, paper_gyroscope
-from imu_rig.calibration.session import CommandedPoses
+from imu_rig.calibration.session import CommandedPoses, CommandedTurn
 from imu_rig.calibration.solve import solve
 from imu_rig.errors import DataError, InputError
 
@@ -28,6 +28,10 @@ ANGLES = np.array(
     + [(90, -60, 90), (0, -60, 90), (0, -60, 0), (0, 60, 0), (90, 60, 0), (0, 60, 0)],
     dtype=float,
 )
+
+
+def turn_between(start, stop):
+    return CommandedTurn(0.0, 1.0, tuple(start), tuple(stop)).rotation_vector()
 
 
 def any_gain(rng):
@@ -63,10 +67,9 @@ def test_diagonal_model_is_exact_where_the_sensor_is_diagonal_and_least_squares_
 def test_gyroscope_is_exact_on_noiseless_turns_with_uneven_time_stamps():
     rng = np.random.default_rng(3)
     truth = Truth(exact(np.eye(3), np.zeros(3)), exact(any_gain(rng), rng.standard_normal(3)))
-    commanded = CommandedPoses(ANGLES)
     turns, durations, theta = [], [], []
     for i in range(len(ANGLES) - 1):
-        known = commanded.turn(i, i + 1)
+        known = turn_between(ANGLES[i], ANGLES[i + 1])
         if known is None:
             continue
         t = np.cumsum(rng.uniform(0.002, 0.02, 300))
@@ -98,7 +101,7 @@ def test_commanded_gravity_and_turns_follow_the_jig():
     assert np.allclose(commanded.gravity(G), up, atol=1e-12)
     singles = 0
     for i in range(len(ANGLES) - 1):
-        turn = commanded.turn(i, i + 1)
+        turn = turn_between(ANGLES[i], ANGLES[i + 1])
         moved = np.count_nonzero(ANGLES[i + 1] - ANGLES[i])
         assert (turn is None) == (moved != 1)
         if turn is not None:
@@ -107,7 +110,7 @@ def test_commanded_gravity_and_turns_follow_the_jig():
             same = abs(np.sum(end * q[i + 1]))
             assert same == pytest.approx(1.0, abs=1e-12)
     assert singles > 10
-    whole = CommandedPoses(np.array([(0, 0, 0), (360, 0, 0)], float)).turn(0, 1)
+    whole = turn_between((0.0, 0.0, 0.0), (360.0, 0.0, 0.0))
     assert np.allclose(whole, [0, 0, 2 * np.pi])
 
 
@@ -142,7 +145,7 @@ def test_front_door_solves_a_perfect_jig_session(method):
     diagonal = method == "paper-diagonal"
     K = np.diag([1.02, 0.98, 1.01]) if diagonal else any_gain(rng)
     truth = Truth(exact(K, [0.2, 0.1, -0.3]), exact(K, np.array([1.0, -2.0, 0.5]) * DEG))
-    turns = [CommandedPoses(ANGLES).turn(i, i + 1) for i in range(len(ANGLES) - 1)]
+    turns = [turn_between(ANGLES[i], ANGLES[i + 1]) for i in range(len(ANGLES) - 1)]
     turns = [np.zeros(3) if turn is None else turn for turn in turns]
     angles = ANGLES[[0, *(i + 1 for i, turn in enumerate(turns) if np.any(turn))]]
     turns = [turn for turn in turns if np.any(turn)]
@@ -170,10 +173,10 @@ def test_servo_gain_error_becomes_sensor_gain_error_here_and_not_without_angles(
     """What the joint use of gravity is for: 2 % of servo gain is 2 % of gyroscope."""
     rng = np.random.default_rng(6)
     truth = random_sensor(rng)
-    turns = [CommandedPoses(ANGLES).turn(i, i + 1) for i in range(len(ANGLES) - 1)]
+    turns = [turn_between(ANGLES[i], ANGLES[i + 1]) for i in range(len(ANGLES) - 1)]
     real = ANGLES * 1.02
     keep = [0, *(i + 1 for i, turn in enumerate(turns) if turn is not None)]
-    real_turns = [CommandedPoses(real).turn(a, b) for a, b in pairwise(keep)]
+    real_turns = [turn_between(real[a], real[b]) for a, b in pairwise(keep)]
     assert all(turn is not None for turn in real_turns)
     recording = record(jig_attitudes(real[keep]), truth, rng, turns=real_turns)
     commanded = CommandedPoses(ANGLES[keep])
@@ -197,3 +200,37 @@ def test_the_paper_solver_needs_commanded_angles():
         solve(recording.block, commanded=CommandedPoses(ANGLES[:12]))
     with pytest.raises(InputError, match="no method 'magic'"):
         solve(recording.block, method="magic")
+
+
+def test_driven_turns_serve_where_poses_lie_several_servos_apart():
+    """Between these poses tilt and roll both turn, one after the other."""
+    rng = np.random.default_rng(8)
+    truth = Truth(exact(np.eye(3), np.zeros(3)), exact(any_gain(rng), np.zeros(3)))
+    stops = np.array(
+        [
+            *((0, 0, 0), (0, 60, 0), (0, 60, 90), (0, -30, 90), (0, -30, -60), (0, 50, -60)),
+            *((90, 50, -60), (90, -50, -60), (90, -50, 30), (0, -50, 30), (0, 40, 30)),
+            (0, 40, 120),
+        ],
+        dtype=float,
+    )
+    turns = [turn_between(a, b) for a, b in pairwise(stops)]
+    recording = record(jig_attitudes(stops), truth, rng, turns=turns, accel_noise=0.005)
+    driven = tuple(
+        CommandedTurn(before[1], after[0], tuple(a), tuple(b))
+        for (before, after), (a, b) in zip(pairwise(recording.holds), pairwise(stops), strict=True)
+    )
+    # every other stop is only passed
+    commanded = CommandedPoses(stops[::2], turns=driven)
+    result = solve(recording.block, recording.holds[::2], method="paper", commanded=commanded)
+    assert np.allclose(result.gyro.K, truth.gyro.K, atol=2e-3)
+    without = CommandedPoses(stops[::2])
+    blind = solve(recording.block, recording.holds[::2], method="paper", commanded=without)
+    assert blind.gyro is None
+
+
+def test_an_axis_that_never_turned_is_named():
+    turns = np.array([[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1], [0, 1, 1], [0, 1, -1]], float)
+    seen = turns + 0.01 * np.random.default_rng(9).standard_normal(turns.shape)
+    with pytest.raises(DataError, match="x axis"):
+        paper_gyroscope(seen, np.ones(6), turns)
