@@ -115,7 +115,7 @@ def _fit_minima(
         excess = (slope - default_skew) * span
         trust = max(0.0, 1.0 - (drift / excess) ** 2) if excess else 0.0
         slope = default_skew + trust * (slope - default_skew)
-        unknown *= 1.0 - trust
+        unknown = (1.0 - trust) * min(unknown, drift)
     late = y - slope * x
     offset = float(late.min()) + (host[0] - device[0] * (1.0 + slope))
     sigma = float(np.sqrt(_noise(late) ** 2 + drift**2 / 4 + unknown**2 / 3))

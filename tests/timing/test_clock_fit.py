@@ -66,6 +66,12 @@ def test_a_microcontroller_off_by_a_percent_is_followed():
     assert rms(fit_clock(device, host).host(device) - true) < 1e-3
 
 
+def test_a_perfect_link_has_next_to_no_uncertainty():
+    device = np.arange(0.0, 600.0, 0.01)
+    assert fit_clock(device, device + ORIGIN_S).sigma_s < 1e-6
+    assert fit_clock(device, device * (1 + 30e-6) + ORIGIN_S).skew == pytest.approx(30e-6, rel=1e-6)
+
+
 def test_one_packet_is_a_fit_and_none_is_not():
     assert fit_clock(np.array([5.0]), np.array([7.0])).host(np.array([5.0])) == pytest.approx(7.0)
     with pytest.raises(ValueError, match="no packets"):
