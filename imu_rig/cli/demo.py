@@ -36,15 +36,15 @@ def demo(
         serial=f"seed {seed}",
     )
     plan = setup.plan()
-    folder = sessions.new_folder(output)
-    if not quiet:
-        sys.stderr.write(
-            f"A simulated jig steps a simulated MPU-9150 through {len(plan.steps)} poses, through "
-            f"real serial ports and {speed:g} times as fast as life "
-            f"({plan.duration_s:.0f} s of jig time).\n"
-        )
-    trial = folder / sessions.TRIAL_NAME
     with simulated_session(setup, seed=seed, speed=speed) as simulated:
+        folder = sessions.new_folder(output)
+        trial = folder / sessions.TRIAL_NAME
+        if not quiet:
+            sys.stderr.write(
+                f"A simulated jig steps a simulated MPU-9150 through {len(plan.steps)} poses, through "
+                f"real serial ports and {speed:g} times as fast as life "
+                f"({plan.duration_s:.0f} s of jig time).\n"
+            )
         gravity = Gravity.given(simulated.rig.truth.gravity)
         sessions.run_in_view(simulated.setup, trial, simulated.clock, resume=False, quiet=quiet)
         truth = simulated.truth()

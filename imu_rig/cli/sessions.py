@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -74,7 +75,7 @@ def run_in_view(
         view.observe(progress)
 
     try:
-        with stop_on_signals(stop), view:
+        with stop_on_signals(stop), view, _removed_if_empty(trial.parent):
             run_session(
                 setup,
                 trial,
@@ -89,6 +90,16 @@ def run_in_view(
             f"{error} Everything measured is kept in {trial}; when the cause is mended, go on "
             f"with: imu-rig calibrate --resume {trial} and the ports as before."
         ) from error
+
+
+@contextmanager
+def _removed_if_empty(folder: Path) -> Iterator[None]:
+    """Remove a session's folder in which nothing was begun."""
+    try:
+        yield
+    finally:
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def finish(

@@ -76,6 +76,8 @@ class FaultPlan:
     """Injects faults when a session reaches the stop they were planned for."""
 
     def __init__(self, specifications: Sequence[str], rig: SimulatedRig, *, steps: int) -> None:
+        from simulators.faults import check_fault
+
         self._rig = rig
         self._waiting: list[tuple[int, str, str, str, float | None]] = []
         for text in specifications:
@@ -86,6 +88,10 @@ class FaultPlan:
                     f"from 1 to {steps}, for example imu:unplug@5:move:2."
                 )
             seconds = float(match["s"]) if match["s"] else None
+            try:
+                check_fault(match["device"], match["word"], seconds)
+            except ValueError as error:
+                raise InputError(f"--fault {text}: {error}") from error
             when = {"move": "moving", "hold": "holding"}[match["when"] or "move"]
             self._waiting.append(
                 (int(match["pose"]), when, match["device"], match["word"], seconds)
@@ -97,7 +103,4 @@ class FaultPlan:
             pose, when, device, word, seconds = planned
             if progress.step == pose and progress.state == when:
                 self._waiting.remove(planned)
-                try:
-                    self._rig.fault(device, word, duration_s=seconds)
-                except ValueError as error:
-                    raise InputError(f"--fault {device}:{word}: {error}") from error
+                self._rig.fault(device, word, duration_s=seconds)

@@ -40,6 +40,7 @@ PARK_PATIENCE_S = 8.0
 STOP_PATIENCE_S = 2.0  # for parking after the user asked to stop
 
 SLOW_ANSWER_S = 0.6  # for the questions of one look at the controller
+RATE_OFF_S = 2.0  # of another sample rate than the layout's before it is worth a word
 LAG_WARNING_S = 0.3  # of delay of the sensor's data
 
 MAX_RECOVERIES_PER_STEP = 2
@@ -96,6 +97,7 @@ class SessionEngine:
         self._progress = Progress(steps=len(plan.steps))
         self._begin_ns = clock.now_ns()
         self._jig_looked_ns = 0
+        self._rate_well_ns = clock.now_ns()
         self._monitor: StillnessMonitor | None = None
         self._since_still: list[ImuBlock] = []
         self._newest_s = -np.inf
@@ -475,7 +477,10 @@ class SessionEngine:
         nominal = self._imu.layout.rate_hz
         if health.lag_s > LAG_WARNING_S:
             self._notice_once("lag", f"{self._imu.name}'s data arrive {health.lag_s:.1f} s late.")
-        if nominal and health.rate_hz and abs(health.rate_hz / nominal - 1) > RATE_TOLERANCE:
+        off = nominal and health.rate_hz and abs(health.rate_hz / nominal - 1) > RATE_TOLERANCE
+        if not off:
+            self._rate_well_ns = self._clock.now_ns()
+        elif self._clock.now_ns() - self._rate_well_ns > RATE_OFF_S * NS_PER_S:
             self._notice_once(
                 "rate",
                 f"{self._imu.name} sends about {health.rate_hz:.0f} samples/s where its layout "

@@ -92,7 +92,8 @@ def run_session(
     ------
     ImuRigError
         Whatever ended the session; the trial file is closed and keeps what was measured, and the
-        jig is parked where its controller answers.
+        jig is parked where its controller answers. No file is left where no device could be
+        opened.
     """
     plan = setup.plan()
     first_step = read_session(open_trial(path)).next_step if resume else 0
@@ -106,7 +107,8 @@ def run_session(
                 clock=clock,
             )
         reason = "failed"
-        stack.callback(lambda: trial.close(reason))
+        engine: SessionEngine | None = None
+        stack.callback(lambda: _close(trial, reason, keep=resume or engine is not None))
         try:
             imu_source = trial.add_source(
                 IMU_SOURCE, "imu", {"layout": setup.layout.to_dict(), "url": setup.imu_url}
@@ -158,3 +160,10 @@ def run_session(
             reason = f"stopped: {error}"
             raise
     return outcome
+
+
+def _close(trial: TrialWriter, reason: str, *, keep: bool) -> None:
+    """Close the trial file; one in which nothing was begun is removed, as if never asked for."""
+    trial.close(reason)
+    if not keep:
+        trial.path.unlink(missing_ok=True)

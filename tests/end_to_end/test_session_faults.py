@@ -124,10 +124,19 @@ def seconds_to_park(trial: Trial) -> float:
     )
 
 
-@pytest.mark.parametrize("state", ["moving", "holding"])
 @pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize("device", ["imu", "maestro"])
-@pytest.mark.parametrize("lasting", [False, True], ids=["passing", "lasting"])
+@pytest.mark.parametrize(
+    ("device", "state", "lasting"),
+    [
+        ("imu", "moving", False),
+        ("imu", "holding", False),
+        ("imu", "moving", True),
+        ("imu", "holding", True),
+        ("maestro", "moving", False),
+        ("maestro", "holding", False),
+        ("maestro", "moving", True),
+    ],
+)
 def test_a_session_survives_or_stops_safely(
     tmp_path: Path,
     clock: ScaledClock,

@@ -1,0 +1,42 @@
+"""Running the installed program as its users do."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from program import PROGRAM
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def imu_rig() -> Run:
+    """Run `imu-rig` with arguments; `code` is the exit code that is expected."""
+
+    def run(
+        *arguments: object, code: int = 0, cwd: Path | None = None
+    ) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [PROGRAM, *map(str, arguments)],
+            cwd=cwd,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+        assert done.returncode == code, done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def finished(imu_rig: Run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The JSON of one whole demo session, with the paths of its files."""
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    done = imu_rig("demo", "--json", "--quiet", "--output", folder)
+    return json.loads(done.stdout)

@@ -1,0 +1,217 @@
+"""The commands from outside: what they print, write and refuse."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imu_rig.calibration.certificate import apply_certificate, load_certificate
+from imu_rig.recording.reader import open_trial
+
+
+def test_help_needs_nothing_heavy() -> None:
+    probe = (
+        "import sys, imu_rig.cli.main; "
+        "print([m for m in ('numpy', 'scipy', 'matplotlib', 'pydantic', 'serial', 'rich') "
+        "if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", ["demo", "calibrate", "solve", "info", "export", "simulate"])
+def test_every_command_explains_itself(imu_rig: Any, command: str) -> None:
+    assert "Usage: imu-rig" in imu_rig(command, "--help").stdout
+
+
+@pytest.mark.timeout(150)
+def test_the_demo_ends_in_a_certificate_that_holds(finished: dict[str, Any]) -> None:
+    files = {name: Path(path) for name, path in finished["files"].items()}
+    assert all(path.is_file() for path in files.values())
+    certificate = load_certificate(files["certificate"])
+    trial = open_trial(files["trial"])
+    assert trial.ended == "complete"
+    assert not trial.damage
+    assert certificate.recording is not None
+    assert certificate.recording.sha256 == trial.sha256
+    assert len(certificate.poses) == 24
+    held_out = certificate.accel_errors.held_out
+    before = certificate.accel_errors.before
+    assert held_out is not None
+    assert before is not None
+    assert held_out.rms < before.rms / 20
+    assert "<script" not in files["report"].read_text()
+
+
+def test_a_session_exported_and_solved_as_a_table_says_the_same(
+    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    table = tmp_path / "session.csv"
+    imu_rig("export", finished["files"]["trial"], "-o", table)
+    done = imu_rig("solve", table, "--json")
+    by_table = json.loads(done.stdout)["certificate"]
+    by_trial = finished["certificate"]
+    for sensor, tolerance in (("accel", 1e-3), ("gyro", 2e-3)):
+        assert by_table[sensor]["K"] == pytest.approx(
+            np.array(by_trial[sensor]["K"]), abs=tolerance
+        )
+
+
+def test_export_applies_a_certificate(
+    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    files = finished["files"]
+    table = tmp_path / "calibrated.csv"
+    done = imu_rig(
+        "export", files["trial"], "--certificate", files["certificate"], "-o", table, "--json"
+    )
+    summary = json.loads(done.stdout)
+    block = apply_certificate(
+        load_certificate(files["certificate"]), open_trial(files["trial"]).imu("imu")
+    )
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    assert summary["samples"] == len(rows) == len(block)
+    assert rows[:, 1:4] == pytest.approx(block.accel, rel=1e-6, abs=1e-6)
+    assert rows[:, 4:7] == pytest.approx(block.gyro, rel=1e-6, abs=1e-8)
+    assert table.read_text().startswith("t_s,accel_x_mps2")
+    imu_rig("export", files["trial"], "-o", table, code=2)  # never overwrites
+
+
+def test_info_tells_what_files_hold(imu_rig: Any, finished: dict[str, Any]) -> None:
+    files = finished["files"]
+    facts = json.loads(imu_rig("info", files["trial"], "--json").stdout)
+    assert facts["ended"] == "complete"
+    assert facts["session"]["finished"] == "24 of 24 stops"
+    assert facts["sources"]["imu"]["lost"] == 0
+    assert "24 of 24 stops" in imu_rig("info", files["trial"]).stdout
+    assert json.loads(imu_rig("info", files["certificate"], "--json").stdout)["poses"] == 24
+
+
+@pytest.mark.parametrize("method", ["paper", "paper-diagonal"])
+def test_the_published_methods_solve_the_same_session_worse(
+    imu_rig: Any, finished: dict[str, Any], method: str
+) -> None:
+    done = imu_rig("solve", finished["files"]["trial"], "--method", method, "--json")
+    theirs = json.loads(done.stdout)["certificate"]["accel_errors"]["held_out"]["rms"]
+    ours = finished["certificate"]["accel_errors"]["held_out"]["rms"]
+    assert theirs > 5 * ours
+
+
+def test_solve_writes_nothing_unless_told_and_never_overwrites(
+    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    trial = finished["files"]["trial"]
+    imu_rig("solve", trial, cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    imu_rig("solve", trial, "-o", tmp_path / "out")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "certificate.json",
+        "report.html",
+    ]
+    refused = imu_rig("solve", trial, "-o", tmp_path / "out", code=2)
+    assert "never overwritten" in refused.stderr
+
+
+def test_a_dry_run_moves_nothing_and_tells_the_plan(imu_rig: Any) -> None:
+    plan = json.loads(imu_rig("calibrate", "--dry-run", "--json").stdout)
+    assert len(plan["steps"]) == 24
+    assert plan["duration_s"] == pytest.approx(sum(s["duration_s"] for s in plan["steps"]), abs=0.5)
+
+
+def hand_table(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "hand.csv"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["calibrate"], 2, "--imu PORT"),
+        (["calibrate", "--imu", "/dev/none1", "--maestro", "/dev/none2"], 3, "/dev/none2"),
+        (["calibrate", "--simulate", "--speed", "0"], 2, "--speed"),
+        (["calibrate", "--simulate", "--fault", "imu:eaten@1"], 2, "imu:eaten"),
+        (["calibrate", "--simulate", "--fault", "nonsense"], 2, "--fault nonsense"),
+        (["calibrate", "--simulate", "--protocol", "none"], 2, "none"),
+        (["calibrate", "--simulate", "--jig", "none.toml"], 2, "none"),
+        (["calibrate", "--simulate", "--layout", "none"], 2, "none"),
+        (["calibrate", "--resume", "none.imu-trial", "--simulate"], 2, "none.imu-trial"),
+        (["solve", "none.csv"], 2, "none.csv"),
+        (["solve", "none.imu-trial"], 2, "none.imu-trial"),
+        (["solve", "x.csv", "--gravity", "3"], 2, "gravity"),
+        (["solve", "x.csv", "--gravity", "9.8", "--latitude", "50"], 2, "not both"),
+        (["solve", "x.csv", "--height", "50"], 2, "--latitude"),
+        (["info", "none"], 2, "none"),
+        (["export", "none", "-o", "x.csv"], 2, "none"),
+        (["demo", "--seed", "-3"], 2, "--seed"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_an_exit_code(
+    imu_rig: Any, tmp_path: Path, arguments: list[str], code: int, words: str
+) -> None:
+    done = imu_rig(*arguments, code=code, cwd=tmp_path)
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("ax,ay,az,gx,gy,gz\n", "hand.csv"),
+        ("ax,ay,az,gx,gy,gz\n0,0,nan,0,0,0\n" * 40, "line"),
+        ("ax,ay,az,gx,gy,gz\n" + "0,0,1,0,0,0\n" * 400, "hand.csv"),
+    ],
+)
+def test_a_bad_table_is_one_sentence(imu_rig: Any, tmp_path: Path, text: str, words: str) -> None:
+    path = hand_table(tmp_path, text)
+    done = imu_rig("solve", path, "--rate", 100, "--json", code=2)
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert json.loads(done.stdout)["exit_code"] == 2
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1 / 9.80665, "g"), (1.0, "m/s2"), (16384 / 9.80665, "16384 LSB/g")]
+)
+def test_a_missing_unit_is_guessed_and_asked_for(
+    imu_rig: Any, finished: dict[str, Any], tmp_path: Path, scale: float, unit: str
+) -> None:
+    block = open_trial(finished["files"]["trial"]).imu("imu")
+    path = tmp_path / "plain.csv"
+    rows = np.column_stack((block.accel * scale, block.gyro))
+    np.savetxt(path, rows, delimiter=",", header="ax,ay,az,gx,gy,gz", comments="")
+    done = imu_rig("solve", path, "--rate", 100, code=2)
+    assert f"--accel-unit {unit}" in done.stderr.replace('"', "").replace("'", "")
+
+
+def test_the_real_recordings_solve_to_their_figures(imu_rig: Any, imu_rig_data: Path) -> None:
+    folder = imu_rig_data / "calibration" / "mikoff_mpu9150"
+    for name, limit_mg in (("imu0.log", 0.30), ("imu1.log", 0.36)):
+        done = imu_rig(
+            "solve",
+            folder / name,
+            *("--columns", "ax ay az gx gy gz", "--rate", 100),
+            *("--accel-unit", "m/s2", "--gyro-unit", "rad/s", "--gravity", 9.81, "--json"),
+        )
+        certificate = json.loads(done.stdout)["certificate"]
+        assert certificate["accel_errors"]["held_out"]["rms"] < limit_mg * 9.80665e-3
+        assert np.degrees(certificate["gyro_errors"]["held_out"]["rms"]) < 0.25
+
+
+def test_an_ill_posed_saturated_recording_is_warned_of(imu_rig: Any, imu_rig_data: Path) -> None:
+    path = imu_rig_data / "calibration/tomisuarez2_mpu6050/example_data_calibration.csv"
+    done = imu_rig(
+        "solve",
+        path,
+        *("--rate", 100, "--accel-unit", "16384 LSB/g", "--gyro-unit", "131 LSB/(deg/s)", "--json"),
+    )
+    warnings = " ".join(json.loads(done.stdout)["certificate"]["warnings"])
+    assert "range limit" in warnings
+    assert "10 poses" in warnings

@@ -1,0 +1,176 @@
+"""Sessions from outside: signals, kills, resuming, hardware served by another process."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from program import PROGRAM
+
+from imu_rig.clock import SystemClock
+from imu_rig.recording.reader import open_trial
+from imu_rig.session.history import read_session
+from simulators.rig import RigConfig, SimulatedRig
+
+PROTOCOL = """
+name = "tiny"
+hold_s = 0.8
+steps = [{ tilt = 30 }, { tilt = -30 }, { roll = 60, tilt = 0 }, { tilt = 40 }, { tilt = 0 }]
+"""
+
+
+@pytest.fixture
+def protocol(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.toml"
+    path.write_text(PROTOCOL)
+    return path
+
+
+def start_session(folder: Path, protocol: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [PROGRAM, "calibrate", "--simulate", "--protocol", protocol, "--output", folder],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_poses(trial: Path, count: int) -> None:
+    deadline = time.monotonic() + 40
+    while time.monotonic() < deadline:
+        if trial.exists() and trial.stat().st_size > 1000:
+            poses = [e for e in open_trial(trial).events if e.name == "pose"]
+            if len(poses) >= count:
+                return
+        time.sleep(0.1)
+    pytest.fail(f"no {count} poses in {trial}")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_parks_closes_and_says_how_to_go_on(
+    imu_rig: Any, tmp_path: Path, protocol: Path, name: str
+) -> None:
+    folder = tmp_path / "out"
+    trial = folder / "session.imu-trial"
+    process = start_session(folder, protocol)
+    wait_for_poses(trial, 1)
+    process.send_signal(getattr(signal, name))
+    begin = time.monotonic()
+    stdout, stderr = process.communicate(timeout=20)
+    assert time.monotonic() - begin < 10
+    assert process.returncode == 130, stderr
+    assert name in stderr
+    assert f"--resume {trial}" in stderr
+    assert "Traceback" not in stderr
+    assert stdout == ""
+    opened = open_trial(trial)
+    assert opened.ended == "interrupted"
+    assert [e.name for e in opened.events].count("parked") >= 2
+    assert not (folder / "certificate.json").exists()
+
+
+def test_a_killed_session_is_readable_and_goes_on(
+    imu_rig: Any, tmp_path: Path, protocol: Path
+) -> None:
+    folder = tmp_path / "out"
+    trial = folder / "session.imu-trial"
+    process = start_session(folder, protocol)
+    wait_for_poses(trial, 2)
+    process.kill()
+    process.communicate()
+    opened = open_trial(trial)
+    assert opened.ended is None
+    kept = read_session(opened).finished
+    assert kept >= {0, 1}
+    # five poses are too few to solve, which is said; the session itself goes on to its end
+    done = imu_rig("calibrate", "--simulate", "--speed", 5, "--resume", trial, code=2)
+    assert "poses" in done.stderr
+    record = read_session(open_trial(trial))
+    assert record.finished == {0, 1, 2, 3, 4}
+    assert open_trial(trial).ended == "complete"
+    assert "complete" in imu_rig("calibrate", "--simulate", "--resume", trial, code=2).stderr
+
+
+def test_hardware_served_by_another_process(tmp_path: Path, protocol: Path, imu_rig: Any) -> None:
+    server = subprocess.Popen(
+        [PROGRAM, "simulate", "rig", "--tcp", "--json"], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert server.stdout is not None
+        ports = json.loads(server.stdout.readline())
+        folder = tmp_path / "out"
+        done = imu_rig(
+            *("calibrate", "--imu", ports["imu"], "--maestro", ports["maestro"]),
+            *("--protocol", protocol, "--output", folder),
+            code=2,  # five poses cannot be solved
+        )
+        assert "poses" in done.stderr
+        assert open_trial(folder / "session.imu-trial").ended == "complete"
+    finally:
+        server.send_signal(signal.SIGINT)
+        assert server.wait(timeout=10) == 0
+        server.stdout.close()
+
+
+def test_a_maestro_as_it_comes_from_the_factory_is_recognized(imu_rig: Any, tmp_path: Path) -> None:
+    config = RigConfig.random(1).model_copy(update={"maestro_mode": "uart-detect"})
+    with SimulatedRig(config, clock=SystemClock()) as rig:
+        done = imu_rig(
+            *("calibrate", "--imu", rig.imu_url, "--maestro", rig.maestro_url),
+            *("--output", tmp_path / "out"),
+            code=4,
+        )
+    assert "USB Dual Port" in done.stderr
+    assert "Maestro Control Center" in done.stderr
+
+
+def test_ports_mixed_up_and_another_layout_are_recognized(imu_rig: Any, tmp_path: Path) -> None:
+    with SimulatedRig(RigConfig.random(1), clock=SystemClock()) as rig:
+        swapped = imu_rig(
+            *("calibrate", "--imu", rig.maestro_url, "--maestro", rig.imu_url),
+            *("--output", tmp_path / "swapped"),
+            code=4,
+        )
+        assert rig.imu_url in swapped.stderr
+        other = imu_rig(
+            *("calibrate", "--imu", rig.imu_url, "--maestro", rig.maestro_url),
+            *("--layout", "mpu9150-burst-30", "--output", tmp_path / "other"),
+            code=6,
+        )
+    assert "mpu9150-28" in other.stderr
+
+
+def test_a_port_in_use_is_named(imu_rig: Any, tmp_path: Path, protocol: Path) -> None:
+    with SimulatedRig(RigConfig.random(1), clock=SystemClock()) as rig:
+        arguments = ["calibrate", "--imu", rig.imu_url, "--maestro", rig.maestro_url]
+        first = subprocess.Popen(
+            [PROGRAM, *arguments, "--protocol", protocol, "--output", tmp_path / "first"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            wait_for_poses(tmp_path / "first" / "session.imu-trial", 1)
+            second = imu_rig(*arguments, "--output", tmp_path / "second", code=3)
+            assert rig.maestro_url in second.stderr
+        finally:
+            first.send_signal(signal.SIGINT)
+            first.wait(timeout=20)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may open any port"
+)
+def test_a_forbidden_port_names_the_group(imu_rig: Any, tmp_path: Path) -> None:
+    with SimulatedRig(RigConfig.random(1), clock=SystemClock()) as rig:
+        target = Path(rig.maestro_url).resolve()
+        target.chmod(0)
+        done = imu_rig(
+            *("calibrate", "--imu", rig.imu_url, "--maestro", rig.maestro_url),
+            *("--output", tmp_path / "out"),
+            code=3,
+        )
+    assert "permission" in done.stderr.lower()
