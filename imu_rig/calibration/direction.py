@@ -20,6 +20,8 @@ from imu_rig.errors import DataError
 
 UNKNOWNS = 9
 NOMINAL = np.concatenate((np.eye(3).ravel(), np.zeros(3)))
+SCALE_DOF = 4.0
+"""Weight of the predicted noise when the moves judge its size."""
 FOLDS = 10
 OUTLIER = 6.0
 FEWEST_TO_JUDGE = 12
@@ -198,16 +200,16 @@ def _converge(
     # The stills know the mean bias; the moves may only refine it. The gain's own prior only keeps
     # what the moves leave free from running away.
     prior = np.concatenate((np.ones(9), 1.0 / np.maximum(track.mean_sigma, 1e-9) ** 2))
-    excess = 0.0
+    scale, excess = 1.0, 0.0
     for _ in range(25):
         q, residual, J = _linearize(moves, where, track, p)
-        variance = where.variance + excess**2
+        variance = scale**2 * where.variance + excess**2
         step, covariance = _gauss_newton(residual, J, variance, prior, p, used)
         if np.max(np.abs(step[:9])) < 1e-6:
             break
         # A step beyond the range of the linearization is shortened, not refused.
         p = p + step * min(1.0, 0.3 / float(np.max(np.abs(step[:9]))))
-        excess = _excess(residual[used] + (J @ step)[used], where.variance[used])
+        scale, excess = _size_of_errors((residual + J @ step)[used], where.variance[used])
     return _State(p, q, residual, J, variance, excess, covariance, prior, used)
 
 
@@ -243,12 +245,19 @@ def _gauss_newton(
     return -covariance @ g, covariance
 
 
-def _excess(residual: FloatArray, variance: FloatArray) -> float:
-    """Return the error per axis that brings chi-square to its degrees of freedom, at least 0."""
+def _size_of_errors(residual: FloatArray, variance: FloatArray) -> tuple[float, float]:
+    """Scale (at most 1) and excess per axis that bring chi-square to its degrees of freedom.
+
+    Moves that agree better than predicted shrink the prediction (a table that trembles looks like
+    noise in the stills); moves that agree worse have an error of their own on top.
+    """
     dof = residual.size - UNKNOWNS
     square = np.sum(residual**2, axis=1)
-    if dof < 1 or np.sum(square / variance) <= dof:
-        return 0.0
+    chi2 = float(np.sum(square / variance))
+    if dof < 1:
+        return 1.0, 0.0
+    if chi2 <= dof:
+        return float(np.sqrt((chi2 + SCALE_DOF) / (dof + SCALE_DOF))), 0.0
     low, high = 0.0, float(np.sum(square)) / dof
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -256,7 +265,7 @@ def _excess(residual: FloatArray, variance: FloatArray) -> float:
             low = middle
         else:
             high = middle
-    return float(np.sqrt(high))
+    return 1.0, float(np.sqrt(high))
 
 
 def _finish(

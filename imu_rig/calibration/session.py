@@ -120,8 +120,8 @@ class Session:
         Local gravity.
     commanded : CommandedPoses or None
         Commanded angles of these stills.
-    gyro_bad : shape (n,)
-        Rows of the block at the gyroscope's range limit.
+    gyro_bad : shape (n, 3)
+        Readings at the gyroscope's range limit, or of a sensor that hung.
     has_gyro : bool
         Whether the gyroscope shows anything at all.
     """

@@ -20,7 +20,14 @@ from imu_rig.calibration.result import (
     PoseRow,
 )
 from imu_rig.calibration.session import CommandedPoses, Outcome, Session
-from imu_rig.calibration.stills import Stills, find_stills, gaps, sample_rate, summarize
+from imu_rig.calibration.stills import (
+    Stills,
+    find_stills,
+    frozen_rows,
+    gaps,
+    sample_rate,
+    summarize,
+)
 from imu_rig.calibration.suspicion import at_limit
 from imu_rig.errors import DataError, InputError
 
@@ -107,7 +114,9 @@ def _prepare(
         names = commanded.names
     warnings = _moved(stills, names)
     accel_bad, gyro_bad = at_limit(block.accel, accel_limit), at_limit(block.gyro, gyro_limit)
+    frozen = frozen_rows(block)
     usable = _unsaturated(block, stills, names, accel_bad, warnings)
+    usable &= _alive(stills, names, frozen, warnings)
     if gyro_bad.any():
         warnings.append(_gyro_saturation(gyro_bad))
     holes = len(gaps(block.t))
@@ -127,7 +136,7 @@ def _prepare(
         order=np.flatnonzero(usable),
         gravity=gravity,
         commanded=_commanded_of(commanded, usable),
-        gyro_bad=gyro_bad,
+        gyro_bad=gyro_bad | frozen[:, None],
         has_gyro=bool(np.any(np.ptp(block.gyro, axis=0) > 0)),
     )
     return session, warnings
@@ -161,6 +170,20 @@ def _unsaturated(
     return usable
 
 
+def _alive(
+    stills: Stills, names: tuple[str, ...], frozen: BoolArray, warnings: list[str]
+) -> BoolArray:
+    if frozen.any():
+        warnings.append(
+            f"The sensor hung: {int(frozen.sum())} samples repeat the one before in every reading; "
+            "poses and moves with such samples were left out."
+        )
+    usable = np.ones(len(stills), dtype=bool)
+    for i, (start, stop) in enumerate(zip(stills.start, stills.stop, strict=True)):
+        usable[i] = not frozen[start:stop].any()
+    return usable
+
+
 def _gyro_saturation(bad: BoolArray) -> str:
     counts = bad.sum(axis=0)
     parts = [f"{int(n)} of {axis}" for n, axis in zip(counts, "xyz", strict=True) if n]
@@ -172,7 +195,9 @@ def _gyro_saturation(bad: BoolArray) -> str:
 
 def _plausible_rest(stills: Stills, gravity: Gravity) -> None:
     if not len(stills):
-        raise DataError("no still pose is usable: the accelerometer is at its range limit in all")
+        raise DataError(
+            "no still pose is usable: the sensor hung or is at its range limit in all of them"
+        )
     rest = float(np.median(np.linalg.norm(stills.accel_mean, axis=1)))
     low, high = (gravity.value * f for f in PLAUSIBLE_REST)
     if not low < rest < high:

@@ -24,6 +24,8 @@ BLOCK_S = 0.2
 """Block length for standard errors: long against vibration, short against a hold."""
 GAP_S = 0.1
 """A hole in the time stamps that a still or a move may not span."""
+FROZEN_S = 0.1
+"""Repeated readings of this length are no measurement."""
 SCATTER_FACTOR = 3.0
 """A still's scatter stays below this many times the recording's own noise floor."""
 TREMOR = 2.0 * DEG
@@ -37,8 +39,6 @@ BIAS_TOLERANCE = 0.5 * DEG
 bias walk of a recording of several minutes."""
 TREMOR_SHARE = 0.5
 """Part of the scatter in a window that a tremor of 1 or 2 Hz can leave in its mean."""
-LONG_BLOCK_S = 1.0
-"""Blocks that tell whether a tremor averages out over a still, where stills are long enough."""
 PRIOR_DOF = 4.0
 """Weight of the pooled scatter when that of one short still is judged."""
 
@@ -111,6 +111,23 @@ def gaps(t: FloatArray) -> IntArray:
     return np.flatnonzero(steps > max(GAP_S, 3.0 * float(np.median(steps))))
 
 
+def frozen_rows(block: ImuBlock) -> BoolArray:
+    """Mark samples (n,) that repeat the one before in all six readings, `FROZEN_S` or longer.
+
+    A sensor that hangs looks perfectly still. Where half of all samples repeat, the recording is
+    coarse or noiseless and nothing is marked.
+    """
+    readings = np.concatenate((block.accel, block.gyro), axis=1)
+    same = np.all(readings[1:] == readings[:-1], axis=1)
+    frozen = np.zeros(len(block), dtype=bool)
+    if len(same) and float(np.mean(same)) < 0.5:
+        start, stop = _runs(same)
+        for i, j in zip(start, stop, strict=True):
+            if block.t[j] - block.t[i] > FROZEN_S:
+                frozen[i + 1 : j + 1] = True
+    return frozen
+
+
 def find_stills(
     block: ImuBlock, *, shortest_s: float = SHORTEST_S, window_s: float = WINDOW_S
 ) -> Stills:
@@ -132,9 +149,11 @@ def find_stills(
         raise DataError(f"the recording is shorter than {2 * window_s:g} s, too short for a still")
     a_var = _sliding(block.accel, width)[1]
     g_mean, g_var = _sliding(block.gyro, width)
-    a_floor = _noise_floor(a_var, LEAST_ACCEL_NOISE)
-    g_floor = _noise_floor(g_var, LEAST_GYRO_NOISE)
-    quiet = _unbroken(block.t, width) & (a_var < SCATTER_FACTOR**2 * a_floor)
+    quiet = _unbroken(np.flatnonzero(frozen_rows(block)), len(block), width)
+    a_floor = _noise_floor(a_var[quiet], LEAST_ACCEL_NOISE)
+    g_floor = _noise_floor(g_var[quiet], LEAST_GYRO_NOISE)
+    quiet &= _unbroken(gaps(block.t), len(block), width)
+    quiet &= a_var < SCATTER_FACTOR**2 * a_floor
     quiet &= g_var < max(SCATTER_FACTOR**2 * g_floor, TREMOR**2)
     tolerance = BIAS_TOLERANCE + 6.0 * float(np.sqrt(g_floor / width))
     bias = _shared_rate(g_mean[quiet], tolerance, step=max(1, width // 4))
@@ -168,7 +187,7 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
     Raises
     ------
     InputError
-        A window that ends before it begins.
+        A window that ends before it begins, or before the one ahead of it.
     DataError
         A window with fewer than 8 samples or with a gap inside.
     """
@@ -179,6 +198,10 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
     for i, (first, last) in enumerate(zip(start, stop, strict=True)):
         if spans[i, 1] <= spans[i, 0]:
             raise InputError(f"still interval {i + 1} ends before it begins")
+        if i and spans[i, 0] <= spans[i - 1, 1]:
+            raise InputError(
+                f"still interval {i + 1} begins before interval {i} ends: give them in time order"
+            )
         if last - first < 8:
             raise DataError(
                 f"still interval {i + 1} ({spans[i, 0]:.2f} to {spans[i, 1]:.2f} s) holds "
@@ -193,77 +216,52 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
 
 
 def _summary(block: ImuBlock, start: IntArray, stop: IntArray) -> Stills:
-    rate = sample_rate(block.t)
+    size = max(2, round(BLOCK_S * sample_rate(block.t)))
     rows = list(zip(start, stop, strict=True))
-    accel = [block.accel[i:j] for i, j in rows]
-    gyro = [block.gyro[i:j] for i, j in rows]
-    accel_sem, typical = _standard_errors(accel, rate, LEAST_ACCEL_NOISE)
-    gyro_sem, _ = _standard_errors(gyro, rate, LEAST_GYRO_NOISE)
-    halves = np.array([_half_difference(x) for x in accel]).reshape(-1, 3)
-    quarter = np.array([len(x) / 4.0 for x in accel])[:, None]
+    accel = [_block_means(block.accel[i:j], size) for i, j in rows]
+    gyro = [_block_means(block.gyro[i:j], size) for i, j in rows]
+    accel_sem, typical = _standard_errors(accel, LEAST_ACCEL_NOISE)
+    gyro_sem, _ = _standard_errors(gyro, LEAST_GYRO_NOISE)
+    halves = np.array([_half_difference(means) for means in accel]).reshape(-1, 3)
+    pairs = np.array([len(means) // 2 for means in accel], dtype=float)
     return Stills(
         start=start,
         stop=stop,
         t0=block.t[start],
         t1=block.t[stop - 1],
-        accel_mean=np.array([x.mean(axis=0) for x in accel]).reshape(-1, 3),
-        gyro_mean=np.array([x.mean(axis=0) for x in gyro]).reshape(-1, 3),
+        accel_mean=np.array([block.accel[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
+        gyro_mean=np.array([block.gyro[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
         accel_sem=accel_sem,
         gyro_sem=gyro_sem,
         count=stop - start,
-        drift=np.max(halves / np.sqrt(typical / quarter), axis=1, initial=0.0),
+        drift=np.max(halves / np.sqrt(2.0 * typical / pairs[:, None]), axis=1, initial=0.0),
     )
 
 
-def _half_difference(x: FloatArray) -> FloatArray:
-    half = len(x) // 2
-    return np.asarray(np.abs(x[:half].mean(axis=0) - x[-half:].mean(axis=0)))
+def _block_means(x: FloatArray, size: int) -> FloatArray:
+    """Means of whole blocks (k, 3), k at least 4, of samples (n, 3)."""
+    size = max(1, min(size, len(x) // 4))
+    count = len(x) // size
+    return np.asarray(x[: count * size].reshape(count, size, 3).mean(axis=1))
 
 
-def _standard_errors(
-    parts: list[FloatArray], rate: float, least_noise: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return standard errors (m, 3) of the means of stills, and the typical density (3,).
+def _half_difference(means: FloatArray) -> FloatArray:
+    half = len(means) // 2
+    return np.asarray(np.abs(means[:half].mean(axis=0) - means[-half:].mean(axis=0)))
 
-    A density here is the variance of the mean of k samples times k: constant over k for white
-    noise, falling for a tremor or vibration that averages out, rising for drift. Short blocks
-    give it precisely, long ones as it will be for the whole still; what the length changes is
-    judged over all stills together.
-    """
-    if not parts:
+
+def _standard_errors(means: list[FloatArray], least_noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return standard errors (m, 3) of the means of blocks, and the typical variance (3,)."""
+    if not means:
         return np.empty((0, 3)), np.ones(3)
-    counts = np.array([len(x) for x in parts], dtype=float)
-    short = max(2, round(BLOCK_S * rate))
-    long = round(min(LONG_BLOCK_S * rate, float(np.median(counts)) / 5.0))
-    precise, dof = _densities(parts, short)
-    typical = np.maximum(_typical(precise, dof), least_noise**2 * short / 10.0)
-    density = (dof * precise + PRIOR_DOF * typical) / (dof + PRIOR_DOF)
-    if long > short:
-        lasting, long_dof = _densities(parts, long)
-        ratio = np.median(_typical(lasting, long_dof) / _typical(precise, dof))
-        own = ratio * density
-        density = (long_dof * lasting + PRIOR_DOF * own) / (long_dof + PRIOR_DOF)
-        typical = ratio * typical
-    return np.sqrt(density / counts[:, None]), typical
-
-
-def _densities(parts: list[FloatArray], size: int) -> tuple[FloatArray, FloatArray]:
-    """Variance of block means times the block's length (m, 3), and degrees of freedom (m, 1)."""
-    densities = np.zeros((len(parts), 3))
-    dof = np.zeros((len(parts), 1))
-    for i, x in enumerate(parts):
-        width = min(size, len(x) // 3)
-        count = len(x) // width
-        means = x[: count * width].reshape(count, width, 3).mean(axis=1)
-        densities[i] = means.var(axis=0, ddof=1) * width
-        dof[i] = count - 1
-    return densities, dof
-
-
-def _typical(density: FloatArray, dof: FloatArray) -> FloatArray:
-    """Median over stills, freed from the skewness of chi-square (Wilson and Hilferty)."""
-    tiny = np.finfo(float).tiny
-    return np.asarray(np.median(density / (1.0 - 2.0 / (9.0 * dof)) ** 3, axis=0) + tiny)
+    variance = np.array([m.var(axis=0, ddof=1) for m in means])
+    blocks = np.array([len(m) for m in means], dtype=float)[:, None]
+    dof = blocks - 1.0
+    # The median of a chi-square variable over its degrees of freedom (Wilson and Hilferty).
+    typical = np.median(variance / (1.0 - 2.0 / (9.0 * dof)) ** 3, axis=0)
+    typical = np.maximum(typical, least_noise**2 / 10.0)
+    shrunk = (dof * variance + PRIOR_DOF * typical) / (dof + PRIOR_DOF)
+    return np.sqrt(shrunk / blocks), typical
 
 
 def _sliding(x: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
@@ -279,6 +277,8 @@ def _sliding(x: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
 
 def _noise_floor(variance: FloatArray, least: float) -> float:
     """Typical summed variance of a quiet window, grown from the quietest ones."""
+    if not len(variance):
+        return 3.0 * least**2
     floor = max(float(np.quantile(variance, 0.02)), 3.0 * least**2)
     for _ in range(20):
         grown = max(float(np.median(variance[variance < 4.0 * floor])), 3.0 * least**2)
@@ -288,12 +288,12 @@ def _noise_floor(variance: FloatArray, least: float) -> float:
     return floor
 
 
-def _unbroken(t: FloatArray, width: int) -> BoolArray:
-    broken = np.zeros(len(t), dtype=np.int64)
-    broken[gaps(t)] = 1
+def _unbroken(breaks: IntArray, count: int, width: int) -> BoolArray:
+    """Which windows of ``width`` rows hold none of the rows ``breaks`` but as their last."""
+    broken = np.zeros(count, dtype=np.int64)
+    broken[breaks] = 1
     total = np.concatenate(([0], np.cumsum(broken)))
-    unbroken: BoolArray = total[width - 1 : -1] - total[:-width] == 0
-    return unbroken
+    return np.asarray(total[width - 1 : -1] - total[:-width] == 0)
 
 
 def _shared_rate(rates: FloatArray, tolerance: float, *, step: int) -> FloatArray:

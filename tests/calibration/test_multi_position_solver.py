@@ -346,6 +346,32 @@ def test_gaps_temperature_and_motion_in_a_hold_are_reported():
     assert result.temperature_c == (25.0, 32.0)
 
 
+def test_a_sensor_that_hung_is_reported_and_its_poses_left_out():
+    truth, recording = session(25, 24)
+    block = recording.block
+    hung = (block.t > recording.holds[6, 0] + 0.5) & (block.t < recording.holds[7, 1] - 0.5)
+    first = int(np.argmax(hung))
+    accel, gyro = block.accel.copy(), block.gyro.copy()
+    accel[hung], gyro[hung] = accel[first], gyro[first]
+    result = solve(replace(block, accel=accel, gyro=gyro), recording.holds)
+    assert any("sensor hung" in w for w in result.warnings)
+    assert {"pose 7", "pose 8"}.isdisjoint(pose.name for pose in result.poses)
+    z, _ = deviation(result, truth)
+    assert np.all(np.abs(z) < 5)
+
+
+def test_without_a_usable_move_only_the_accelerometer_is_calibrated():
+    _, recording = session(26, 18)
+    at_rest = np.zeros(len(recording.block), dtype=bool)
+    for begin, end in recording.holds:
+        at_rest |= (recording.block.t >= begin) & (recording.block.t <= end)
+    result = solve(recording.block[at_rest], recording.holds)
+    assert result.gyro is None
+    assert result.moves == ()
+    assert any("0 moves cannot determine" in w for w in result.warnings)
+    assert result.accel_errors.held_out.rms < 1.0 * MILLI_G
+
+
 def test_a_walking_bias_is_reported():
     _, recording = session(22, 24, walk=0.05 * DEG)
     assert any("bias walked" in w for w in solve(recording.block).warnings)

@@ -138,10 +138,25 @@ def test_drift_within_a_hold_is_seen_and_noise_is_not():
     assert np.all(np.delete(drifted.drift, 4) < 8.0)
 
 
+def test_a_sensor_that_hangs_is_not_at_rest():
+    rng = np.random.default_rng(12)
+    block = session(rng, hold_s=3.0).block
+    hung = (block.t > 4.2) & (block.t < 9.0)
+    first = int(np.argmax(hung))
+    accel, gyro = block.accel.copy(), block.gyro.copy()
+    accel[hung], gyro[hung] = accel[first], gyro[first]
+    stills = find_stills(replace(block, accel=accel, gyro=gyro))
+    rows = np.concatenate([np.arange(a, b) for a, b in stills_rows(stills)])
+    assert np.mean(hung[rows]) < 0.02
+    assert len(stills) >= 5
+
+
 def test_windows_that_cannot_be_are_named():
     recording = session(np.random.default_rng(11), count=3)
     with pytest.raises(InputError, match="2 ends before it begins"):
         summarize(recording.block, [(0.1, 1.0), (2.0, 1.5)])
+    with pytest.raises(InputError, match="2 begins before interval 1 ends"):
+        summarize(recording.block, [(0.1, 1.0), (0.9, 1.5)])
     with pytest.raises(DataError, match=r"1 .* holds 5 samples"):
         summarize(recording.block, [(0.1, 0.14)])
     with pytest.raises(DataError, match=r"1 .* holds 0 samples"):
