@@ -41,8 +41,8 @@ def demo(
         trial = folder / sessions.TRIAL_NAME
         if not quiet:
             sys.stderr.write(
-                f"A simulated jig steps a simulated MPU-9150 through {len(plan.steps)} poses, through "
-                f"real serial ports and {speed:g} times as fast as life "
+                f"A simulated jig steps a simulated MPU-9150 through {len(plan.steps)} poses, "
+                f"over real serial ports and {speed:g} times as fast as life "
                 f"({plan.duration_s:.0f} s of jig time).\n"
             )
         gravity = Gravity.given(simulated.rig.truth.gravity)

@@ -41,7 +41,7 @@ def recognize(
 
 
 def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
-    """Say in half a sentence what bytes are that hold no packets of ``layout``, and what to do.
+    """Say in half a sentence what is wrong with bytes in place of packets, and what to do.
 
     Parameters
     ----------
@@ -57,8 +57,13 @@ def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
             f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
             "continuously"
         )
+    if len(StreamDecoder(layout).feed(data).end):
+        return (
+            "sent sound packets a moment ago and has fallen silent or sends damaged ones now: "
+            "check its power, its cable or Bluetooth link"
+        )
     other = recognize(data)
-    if other is not None and other.name != layout.name:
+    if other is not None:
         return f"sends packets of the layout {other.name}: use that layout"
     values = np.frombuffer(data, np.uint8)
     different = np.unique(values)

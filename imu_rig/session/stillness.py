@@ -71,14 +71,19 @@ class StillnessMonitor:
         """Forget everything recent, after a move or a gap."""
         self._recent.clear()
 
+    def window(self, since_s: float = -np.inf) -> ImuBlock:
+        """Return the samples that are judged: those of the window after ``since_s``."""
+        recent = ImuBlock.concatenate(list(self._recent))
+        if not len(recent):
+            return recent
+        return recent[(recent.t > since_s) & (recent.t > recent.t[-1] - WINDOW_S)]
+
     def excess(self, since_s: float = -np.inf) -> float:
         """Largest of the motion figures over its limit, from samples after ``since_s``.
 
         Below 1 the sensor is still. Infinite until the window is filled.
         """
-        window = ImuBlock.concatenate(list(self._recent))
-        if len(window):
-            window = window[(window.t > since_s) & (window.t > window.t[-1] - WINDOW_S)]
+        window = self.window(since_s)
         if len(window) < 4 or window.t[-1] - window.t[0] < 0.7 * WINDOW_S:
             return float("inf")
         now = scatter(window)

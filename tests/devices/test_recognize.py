@@ -43,6 +43,11 @@ def test_noise_is_never_taken_for_a_layout(seed):
     assert "baud rate (57600) is wrong" in explain(noise, MPU, 57600)
 
 
+def test_a_sensor_that_fell_silent_is_not_blamed_for_its_layout():
+    assert "fallen silent" in explain(stream(MPU), MPU, 115200)
+    assert "fallen silent" in explain(stream(MPU) + bytes(500), MPU, 115200)
+
+
 def test_a_wrong_checksum_and_a_wrong_length_are_told_apart():
     other_sum = replace(MPU, checksum=Checksum("crc16-modbus"))
     assert "another checksum" in explain(stream(other_sum), MPU, 115200)
