@@ -70,10 +70,6 @@ class Affine:
         J[9:, 9:] = Q
         return Affine(Q @ self.K, Q @ self.b, J @ self.covariance @ J.T, self.dof)
 
-    def inflated(self, factor: float) -> Affine:
-        """Return the same model with every standard uncertainty times ``factor``."""
-        return Affine(self.K, self.b, self.covariance * factor**2, self.dof)
-
     @property
     def K_uncertainty(self) -> FloatArray:
         """Standard uncertainties of the elements of K, shape (3, 3)."""

@@ -44,12 +44,18 @@ def solve(
     rate: Annotated[
         float | None, typer.Option(help="Samples per second, where there is no time column.")
     ] = None,
+    accel: Annotated[
+        str | None, typer.Option(help="Accelerometer columns by name or number, as X,Y,Z.")
+    ] = None,
+    gyro: Annotated[str | None, typer.Option(help="Gyroscope columns, likewise.")] = None,
+    time: Annotated[str | None, typer.Option(help="Time column by name or number.")] = None,
     accel_unit: Annotated[
         str | None, typer.Option(help='m/s2, g, mg or counts as in "16384 LSB/g".')
     ] = None,
     gyro_unit: Annotated[
         str | None, typer.Option(help='rad/s, deg/s or counts as in "131 LSB/(deg/s)".')
     ] = None,
+    mag_unit: Annotated[str | None, typer.Option(help="uT, gauss, mG or nT.")] = None,
     time_unit: Annotated[str | None, typer.Option(help="s, ms, us, ns or samples.")] = None,
     name: Annotated[str, typer.Option(help="Name of the sensor, for the certificate.")] = "",
     serial: Annotated[str, typer.Option(help="Serial number, for the certificate.")] = "",
@@ -74,8 +80,12 @@ def solve(
         stated = stated.updated(
             columns=columns,
             rate_hz=rate,
+            accel=accel,
+            gyro=gyro,
+            time=time,
             accel_unit=accel_unit,
             gyro_unit=gyro_unit,
+            mag_unit=mag_unit,
             time_unit=time_unit,
         )
         result, digest = _solve_table(file, stated, method, local_gravity, name, serial)

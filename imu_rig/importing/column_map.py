@@ -219,6 +219,8 @@ def locate(ref: str | int, names: Sequence[str] | None, count: int) -> tuple[int
     for candidate in names or ():
         if wanted in (candidate, split_unit(candidate)[0]):
             return list(names or ()).index(candidate), sign
+    if wanted.isdecimal():
+        return locate(int(sign) * int(wanted), None, count)
     there = ", ".join(names) if names else "none, name them with --columns"
     raise InputError(f"there is no column {wanted!r}; the table's columns are: {there}")
 

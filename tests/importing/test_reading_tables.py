@@ -176,7 +176,7 @@ def test_columns_by_number_and_name_with_turned_signs(tmp_path):
     block = read(path, rate_hz=100, accel=["b", "-a", 3], gyro="d,-e,f", **SI)
     assert np.allclose(block.accel, data[:, [1, 0, 2]] * [1, -1, 1], atol=1e-6)
     assert np.allclose(block.gyro, data[:, 3:] * [1, -1, 1], atol=1e-6)
-    block = read(path, rate_hz=100, accel=[1, -2, 3], gyro=[4, 5, 6], **SI)
+    block = read(path, rate_hz=100, accel="1,-2,3", gyro=[4, 5, 6], **SI)
     assert np.allclose(block.accel, data[:, :3] * [1, -1, 1], atol=1e-6)
 
 
@@ -356,6 +356,7 @@ def test_a_dead_axis_is_named(tmp_path):
         ("u,v,w,x,y,z", {}, "--accel X,Y,Z"),
         (HEADER, {"accel": ["ax", "ay", "no"], "rate_hz": 9}, "no column 'no'"),
         (HEADER, {"accel": [1, 2, 9], "rate_hz": 9}, "no column 9: the table has 6"),
+        (HEADER, {"accel": "1,2,0", "rate_hz": 9}, "no column 0"),
         (HEADER, {"accel": [1, 2, 2], "rate_hz": 9}, "names one twice"),
         (HEADER, {"columns": "a b c", "rate_hz": 9}, "6 columns, but 3 names"),
         ("ax,ay,az,ax,ay,az", {"rate_hz": 9}, "more than one set"),
