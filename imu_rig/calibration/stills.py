@@ -84,10 +84,6 @@ class Stills:
         """Return the stills that ``keep`` (m,) marks."""
         return Stills(**{f.name: getattr(self, f.name)[keep] for f in fields(self)})
 
-    def windows(self) -> FloatArray:
-        """Begin and end of every still [s], shape (m, 2), as `summarize` takes them."""
-        return np.stack((self.t0, self.t1), axis=1)
-
 
 def sample_rate(t: FloatArray) -> float:
     """Median sample rate [Hz] of time stamps [s], shape (n,).
