@@ -70,6 +70,12 @@ class Affine:
         J[9:, 9:] = Q
         return Affine(Q @ self.K, Q @ self.b, J @ self.covariance @ J.T, self.dof)
 
+    def with_bias_covariance(self, covariance: FloatArray) -> Affine:
+        """Return the same model with ``covariance`` (3, 3) added to that of b."""
+        C = self.covariance.copy()
+        C[9:, 9:] += covariance
+        return Affine(self.K, self.b, C, self.dof)
+
     @property
     def K_uncertainty(self) -> FloatArray:
         """Standard uncertainties of the elements of K, shape (3, 3)."""

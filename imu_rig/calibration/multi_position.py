@@ -15,6 +15,7 @@ from imu_rig.calibration.direction import (
     errors_before,
     fit_directions,
 )
+from imu_rig.calibration.earth import earth_covariance
 from imu_rig.calibration.gyro_bias import BiasTrack, track_bias
 from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
 from imu_rig.calibration.model import AXES, PhysicalFigures, physical_figures
@@ -108,9 +109,12 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
             f"turns about {_list(free)}: turn it by 90 to 180 degrees between still poses about "
             f"{_list(free)} while that axis is level."
         ]
-    figures = physical_figures(fit.affine, accel.affine)
+    affine = fit.affine.with_bias_covariance(
+        earth_covariance(moves, len(stills), fit.affine.K, track.at_stills)
+    )
+    figures = physical_figures(affine, accel.affine)
     outcome = GyroOutcome(
-        affine=fit.affine,
+        affine=affine,
         first=moves.first,
         last=moves.last,
         angle=angles_turned(moves, fit.affine.K, track.at_stills),

@@ -85,10 +85,12 @@ def record(
     jitter=0.0,
     gravity=9.80665,
     turns=None,
+    earth=(0.0, 0.0, 0.0),
 ) -> Recording:
     """Rest ``hold_s`` in every attitude and turn between them about one body-fixed axis.
 
     ``accel_noise`` [m/s^2] and ``gyro_noise`` [rad/s] are standard deviations of one sample;
+    ``earth`` [rad/s] is the Earth's rotation in navigation axes and
     ``walk`` [rad/s/sqrt(s)] is the gyroscope's; ``turns`` (m-1, 3) overrides the short way.
     """
     steps_hold, steps_move = round(hold_s * rate), round(move_s * rate)
@@ -126,5 +128,6 @@ def record(
     drift = np.cumsum(rng.standard_normal((total, 3)) * walk / np.sqrt(rate), axis=0)
     drift -= drift.mean(axis=0)  # the true bias is the session's mean
     accel = truth.accel.undo(force) + accel_noise * rng.standard_normal((total, 3))
+    w = w + rotation.rotate(rotation.conjugate(q), np.array(earth))
     gyro = truth.gyro.undo(w) + gyro_noise * rng.standard_normal((total, 3)) + drift
     return Recording(ImuBlock(t, accel, gyro, t), np.array(holds), np.asarray(attitudes))

@@ -17,6 +17,7 @@ from simulated_sessions import (
 
 from imu_rig import rotation
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.earth import EARTH_RATE, earth_covariance
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.moves import integrate, integrate_with_slopes, moves_between
 from imu_rig.calibration.session import CommandedPoses
@@ -43,6 +44,22 @@ def deviation(result, truth):
         z.append(error[known] / sigma[known])
         inside.append(np.abs(z[-1]) < found.coverage_factor)
     return np.concatenate(z), np.concatenate(inside)
+
+
+def test_the_earth_makes_an_unturned_gyroscope_s_bias_uncertain_and_averages_out_when_turned():
+    _, recording = session(5, 20)
+    result = solve(recording.block, recording.holds)
+    stills = summarize(recording.block, recording.holds)
+    moves = moves_between(recording.block, stills, stills.gyro_mean)
+    turned = earth_covariance(moves, len(stills), result.gyro.K, stills.gyro_mean)
+    broken = moves.only(np.arange(len(moves)) != 3)
+    unturned = earth_covariance(broken, len(stills), result.gyro.K, stills.gyro_mean)
+    assert np.allclose(unturned, np.eye(3) * EARTH_RATE**2 / 3)
+    A = rotation.to_matrix(recording.attitudes)
+    # in the first still's axes, which no covariance of an isotropic rotation depends on
+    mean = np.mean(np.swapaxes(A, 1, 2), axis=0)
+    assert np.allclose(turned, mean @ mean.T * EARTH_RATE**2 / 3, atol=0.02 * EARTH_RATE**2)
+    assert np.trace(turned) < 0.5 * np.trace(unturned)
 
 
 def direct(block, a, b):
@@ -82,7 +99,11 @@ def test_intervals_contain_the_truth_as_often_as_they_say_and_nothing_is_biased(
     z, inside, left_out, warned = [], [], [], 0
     for seed in range(80):
         walk = 0.1 * DEG / np.sqrt(600) if seed % 2 else 0.0
-        truth, recording = session(100 + seed, 16 + seed % 3, hold_s=1.3, move_s=0.9, walk=walk)
+        pole = np.random.default_rng([seed, 7]).standard_normal(3)
+        earth = EARTH_RATE * pole / np.linalg.norm(pole)
+        truth, recording = session(
+            100 + seed, 16 + seed % 3, hold_s=1.3, move_s=0.9, walk=walk, earth=earth
+        )
         result = solve(recording.block)
         one_z, one_inside = deviation(result, truth)
         z.append(one_z)
