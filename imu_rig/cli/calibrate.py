@@ -117,11 +117,12 @@ def calibrate(
         simulated = None
         watch: Callable[[Progress], None] = ignore
         if simulate:
-            from imu_rig.cli.simulated import FaultPlan, simulated_session
+            from imu_rig.cli.simulated import FaultPlan, simulated_session, together
 
             simulated = stack.enter_context(simulated_session(setup, seed=seed, speed=speed))
             clock, setup = simulated.clock, simulated.setup
-            watch = FaultPlan(fault or [], simulated.rig, steps=len(plan.steps))
+            faults = FaultPlan(fault or [], simulated.rig, steps=len(plan.steps))
+            watch = together(simulated.observe, faults)
         folder = resume.parent if resume is not None else sessions.new_folder(output)
         trial = resume or folder / sessions.TRIAL_NAME
         sessions.run_in_view(

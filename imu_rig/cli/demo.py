@@ -46,7 +46,14 @@ def demo(
                 f"({plan.duration_s:.0f} s of jig time).\n"
             )
         gravity = Gravity.given(simulated.rig.truth.gravity)
-        sessions.run_in_view(simulated.setup, trial, simulated.clock, resume=False, quiet=quiet)
+        sessions.run_in_view(
+            simulated.setup,
+            trial,
+            simulated.clock,
+            resume=False,
+            quiet=quiet,
+            watch=simulated.observe,
+        )
         truth = simulated.truth()
     sessions.finish(
         trial, folder, method=DEFAULT_METHOD, gravity=gravity, as_json=as_json, truth=truth

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from imu_rig.clock import Clock, ScaledClock, SystemClock
@@ -24,24 +24,38 @@ FAULT = re.compile(
 )
 
 
-@dataclass(frozen=True)
 class SimulatedSession:
-    """A session pointed at a simulated rig that is being served."""
+    """A session pointed at a simulated rig that is being served.
 
-    clock: Clock
-    setup: SessionSetup
-    rig: SimulatedRig
-    start_ns: int
+    Attributes
+    ----------
+    clock : Clock
+    setup : SessionSetup
+        With the rig's ports.
+    rig : SimulatedRig
+    """
+
+    def __init__(self, clock: Clock, setup: SessionSetup, rig: SimulatedRig) -> None:
+        self.clock, self.setup, self.rig = clock, setup, rig
+        self._first_ns = self._last_ns = clock.now_ns()
+        self._held = False
+
+    def observe(self, progress: Progress) -> None:
+        """Remember from when to when poses were held: the calibration is of that time."""
+        if progress.state == "holding":
+            self._last_ns = self.clock.now_ns()
+            if not self._held:
+                self._held, self._first_ns = True, self._last_ns
 
     def truth(self) -> Truth:
-        """Return what the sensor was, its walking offsets averaged from the start until now."""
+        """Return what the sensor was, its walking offsets averaged while poses were held."""
         import numpy as np
 
         from imu_rig.calibration.model import Affine
         from imu_rig.report.facts import Truth
 
         exact = np.zeros((12, 12))
-        true = self.rig.truth_between(self.start_ns, self.clock.now_ns())
+        true = self.rig.truth_between(self._first_ns, self._last_ns)
         return Truth(
             accel=Affine(true.accel.K, true.accel.b, exact),
             gyro=Affine(true.gyro.K, true.gyro.b, exact),
@@ -69,7 +83,17 @@ def simulated_session(
     transport: Literal["pty", "tcp"] = "tcp" if sys.platform == "win32" else "pty"
     with SimulatedRig(RigConfig.random(seed), clock=clock, transport=transport) as rig:
         simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
-        yield SimulatedSession(clock, simulated, rig, clock.now_ns())
+        yield SimulatedSession(clock, simulated, rig)
+
+
+def together(*observers: Callable[[Progress], None]) -> Callable[[Progress], None]:
+    """Join observers of progress into one."""
+
+    def observe(progress: Progress) -> None:
+        for each in observers:
+            each(progress)
+
+    return observe
 
 
 class FaultPlan:
