@@ -28,15 +28,21 @@ if TYPE_CHECKING:
 def calibrate(
     imu: Annotated[str | None, typer.Option(help="Port of the IMU.")] = None,
     maestro: Annotated[str | None, typer.Option(help="Command port of the Maestro.")] = None,
-    jig: Annotated[str, typer.Option(help="Jig: a built-in name or a TOML file.")] = "paper-jig",
+    jig: Annotated[
+        str | None, typer.Option(help="Jig: paper-jig, which is taken by default, or a TOML file.")
+    ] = None,
     protocol: Annotated[
-        str, typer.Option(help="Protocol: full, quick, six-faces-and-turns or a TOML file.")
-    ] = "full",
+        str | None,
+        typer.Option(help="Protocol: full (default), quick, six-faces-and-turns or a TOML file."),
+    ] = None,
     layout: Annotated[
-        str, typer.Option(help="Packet layout of the IMU: a built-in name or a TOML file.")
-    ] = "mpu9150-28",
-    name: Annotated[str, typer.Option(help="Name of the sensor, for the certificate.")] = "imu",
-    serial: Annotated[str, typer.Option(help="Serial number, for the certificate.")] = "",
+        str | None,
+        typer.Option(help="Packet layout of the IMU: mpu9150-28 (default) or a TOML file."),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the sensor, for the certificate.")
+    ] = None,
+    serial: Annotated[str | None, typer.Option(help="Serial number, for the certificate.")] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of the IMU's port.")] = 115200,
     maestro_device: Annotated[
         int | None, typer.Option(help="Pololu device number, where controllers share a line.")
@@ -74,13 +80,14 @@ def calibrate(
     """Step an IMU on a servo jig through poses and turns; write certificate and report."""
     from contextlib import ExitStack
 
-    from firmware_protocols.layout import LayoutError, load_layout
+    from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, load_layout
     from imu_rig.cli import sessions
     from imu_rig.clock import Clock, SystemClock
-    from imu_rig.devices.jig import load_jig
+    from imu_rig.devices.jig import DEFAULT_JIG_NAME, load_jig
     from imu_rig.session.progress import Progress, ignore
-    from imu_rig.session.protocol import load_protocol
+    from imu_rig.session.protocol import DEFAULT_PROTOCOL, load_protocol
     from imu_rig.session.run import SessionSetup, resumed_setup
+    from imu_rig.session.solve import check_protocol
 
     local_gravity = gravity_from(gravity, latitude, height)
     if not simulate and fault:
@@ -90,24 +97,35 @@ def calibrate(
             "Give the ports with --imu PORT and --maestro PORT, or --simulate to run without "
             "hardware."
         )
+    if simulate and (imu is not None or maestro is not None):
+        raise InputError("Give either --simulate or the ports --imu and --maestro, not both.")
+    if resume is not None:
+        own = {"jig": jig, "protocol": protocol, "layout": layout, "name": name, "serial": serial}
+        given = [f"--{option}" for option, value in own.items() if value is not None]
+        if given or output is not None:
+            raise InputError(
+                f"{', '.join(given) or '--output'} cannot be given with --resume: the session goes "
+                "on as it began, in its own folder."
+            )
     try:
-        packet_layout = load_layout(layout)
+        packet_layout = load_layout(layout or DEFAULT_LAYOUT_NAME)
     except LayoutError as error:
         raise InputError(str(error)) from error
     setup = SessionSetup(
         imu_url=imu or "",
         maestro_url=maestro or "",
         layout=packet_layout,
-        jig=load_jig(jig),
-        protocol=load_protocol(protocol),
-        device=name,
-        serial=serial,
+        jig=load_jig(jig or DEFAULT_JIG_NAME),
+        protocol=load_protocol(protocol or DEFAULT_PROTOCOL),
+        device=name or "imu",
+        serial=serial or "",
         baud=baud,
         maestro_device=maestro_device,
         crc=maestro_crc,
     )
     if resume is not None:
         setup = resumed_setup(resume, setup)
+    check_protocol(setup.protocol, method)
     plan = setup.plan()
     if dry_run:
         _print_plan(setup, as_json=as_json)
@@ -126,9 +144,16 @@ def calibrate(
         folder = resume.parent if resume is not None else sessions.new_folder(output)
         trial = resume or folder / sessions.TRIAL_NAME
         sessions.run_in_view(
-            setup, trial, clock, resume=resume is not None, quiet=quiet, watch=watch
+            setup,
+            trial,
+            clock,
+            resume=resume is not None,
+            quiet=quiet,
+            ports=(f"--simulate --seed {seed}" if simulate else f"--imu {imu} --maestro {maestro}"),
+            watch=watch,
         )
-        truth = None if simulated is None else simulated.truth()
+        # a resumed session saw two simulations, whose offsets walked differently
+        truth = simulated.truth() if simulated is not None and resume is None else None
     sessions.finish(
         trial, folder, method=method, gravity=local_gravity, as_json=as_json, truth=truth
     )

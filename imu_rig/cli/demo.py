@@ -52,6 +52,7 @@ def demo(
             simulated.clock,
             resume=False,
             quiet=quiet,
+            ports=f"--simulate --seed {seed}",
             watch=simulated.observe,
         )
         truth = simulated.truth()

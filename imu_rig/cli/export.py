@@ -27,23 +27,33 @@ def export(
     """Write a sensor's samples as CSV: time, specific force, angular rate, field."""
     from imu_rig.calibration.certificate import apply_certificate, load_certificate
     from imu_rig.cli.info import require_one_imu
+    from imu_rig.cli.sessions import warn_of_damage
     from imu_rig.recording.csv_export import write_csv
     from imu_rig.recording.reader import open_trial
 
     trial = open_trial(file)
-    block = trial.imu(require_one_imu(trial, sensor))
+    name = require_one_imu(trial, sensor)
+    block = trial.imu(name)
     if not len(block):
         raise InputError(f"{file} holds no samples to export.")
+    calibrated: list[str] = []
     if certificate is not None:
-        block = apply_certificate(load_certificate(certificate), block)
+        loaded = load_certificate(certificate)
+        block = apply_certificate(loaded, block)
+        calibrated = ["accel"] if loaded.gyro is None else ["accel", "gyro"]
+        if loaded.gyro is None:
+            sys.stderr.write(f"{certificate} has no gyroscope: its columns are raw.\n")
+        layout = trial.sources[name].descriptor.get("layout", {}).get("name", "")
+        if loaded.device.layout and loaded.device.layout != layout:
+            sys.stderr.write(
+                f"{certificate} is for packets of {loaded.device.layout}, and {file} holds "
+                f"packets of {layout}: is it this sensor's?\n"
+            )
+    warn_of_damage(trial)
     write_csv(output, block)
-    summary = {
-        "file": str(output),
-        "samples": len(block),
-        "calibrated": certificate is not None,
-    }
+    summary = {"file": str(output), "samples": len(block), "calibrated": calibrated}
     if as_json:
         sys.stdout.write(json.dumps(summary) + "\n")
     else:
-        kind = "calibrated" if certificate is not None else "raw"
+        kind = f"calibrated ({' and '.join(calibrated)})" if calibrated else "raw"
         sys.stdout.write(f"{len(block)} {kind} samples in {output}\n")

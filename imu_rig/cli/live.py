@@ -39,6 +39,7 @@ class SessionView:
             else None
         )
         self._drawn = 0.0
+        self._drawn_state = ""
         self._line = 0.0
         self._told = (-1, "")
 
@@ -63,8 +64,8 @@ class SessionView:
             return
         if self._live is None:
             self._write_line(progress, now)
-        elif now - self._drawn > REFRESH_S:
-            self._drawn = now
+        elif now - self._drawn > REFRESH_S or progress.state != self._drawn_state:
+            self._drawn, self._drawn_state = now, progress.state
             self._live.update(_table(progress), refresh=True)
 
     def _write_line(self, progress: Progress, now: float) -> None:
@@ -97,7 +98,10 @@ def _table(progress: Progress) -> RenderableType:
     if progress.step:
         table.add_row("pose", f"{progress.step} of {progress.steps}   {progress.name}")
     held = f"   {progress.held_s:.1f} of {progress.hold_s:.1f} s" if progress.held_s else ""
-    table.add_row("now", f"{progress.state}   sensor {still}{held}")
+    if progress.state == "recovering":
+        table.add_row("now", Text("waiting for a device to be well again", "yellow"))
+    else:
+        table.add_row("now", f"{progress.state}   sensor {still}{held}")
     trouble = "red" if progress.lost or progress.corrupt else "green"
     table.add_row(
         "packets",

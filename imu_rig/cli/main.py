@@ -6,7 +6,9 @@ Commands import what they need when they run, so that `imu-rig --help` answers a
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 from typing import Annotated
 
 import typer
@@ -46,6 +48,14 @@ def main(
     """Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose."""
 
 
+def _wrapped(sentence: str) -> str:
+    """Break a sentence between words on a terminal; elsewhere it stays one line."""
+    if not sys.stderr.isatty():
+        return sentence
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False)
+
+
 def run() -> None:
     """Run the program; every foreseen error is one sentence on stderr and an exit code."""
     try:
@@ -53,7 +63,7 @@ def run() -> None:
     except ImuRigError as error:
         if "--json" in sys.argv:
             sys.stdout.write(json.dumps({"error": str(error), "exit_code": error.exit_code}) + "\n")
-        sys.stderr.write(f"imu-rig: {error}\n")
+        sys.stderr.write(_wrapped(f"imu-rig: {error}") + "\n")
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.stderr.write("imu-rig: interrupted\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -56,9 +57,12 @@ def run_in_view(
     *,
     resume: bool,
     quiet: bool,
+    ports: str,
     watch: Callable[[Progress], None] = ignore,
 ) -> None:
     """Run a session with its live view; signals park the jig and close the file.
+
+    ``ports`` are the options by which a stopped session finds its hardware again.
 
     Raises
     ------
@@ -86,10 +90,20 @@ def run_in_view(
                 notify=view.notify,
             )
     except SessionStopped as error:
-        raise type(error)(
-            f"{error} Everything measured is kept in {trial}; when the cause is mended, go on "
-            f"with: imu-rig calibrate --resume {trial} and the ports as before."
-        ) from error
+        raise type(error)(f"{error} {_what_next(trial, ports)}") from error
+
+
+def _what_next(trial: Path, ports: str) -> str:
+    from imu_rig.recording.reader import open_trial
+    from imu_rig.session.history import read_session
+
+    session = read_session(open_trial(trial))
+    if not session.visits:
+        return f"No pose was finished, so begin anew; what was received is kept in {trial}."
+    return (
+        f"{len(session.finished)} of {len(session.protocol.steps)} stops are kept in {trial}; go "
+        f"on with: imu-rig calibrate --resume {shlex.quote(str(trial))} {ports}"
+    )
 
 
 @contextmanager
@@ -100,6 +114,12 @@ def _removed_if_empty(folder: Path) -> Iterator[None]:
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
+
+
+def warn_of_damage(trial: Trial) -> None:
+    """Say on stderr what a trial file has lost."""
+    if trial.damage:
+        sys.stderr.write(f"{trial.path} is damaged: {trial.damage}.\n")
 
 
 def finish(
@@ -160,14 +180,10 @@ def show(
 ) -> None:
     """Print a result on stdout, as text or as one JSON object."""
     if as_json:
-        sys.stdout.write(json_text(certificate, files) + "\n")
+        sys.stdout.write(json_text(certificate, files, truth) + "\n")
         return
     for line in result_lines(result, truth):
         sys.stdout.write(line + "\n")
-    if result.warnings:
-        sys.stdout.write("\n")
-    for warning in result.warnings:
-        sys.stdout.write(f"  ! {warning}\n")
     if files:
         sys.stdout.write("\n")
     for name, path in files.items():

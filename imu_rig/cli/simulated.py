@@ -14,8 +14,10 @@ from imu_rig.errors import InputError
 from imu_rig.session.progress import Progress
 
 if TYPE_CHECKING:
+    from imu_rig.devices.jig import JigConfig
     from imu_rig.report.facts import Truth
     from imu_rig.session.run import SessionSetup
+    from simulators.models import JigModel, ServoModel
     from simulators.rig import SimulatedRig
 
 MAX_SPEED = 20.0
@@ -81,9 +83,26 @@ def simulated_session(
         raise InputError(f"--seed must not be negative, and is {seed}.")
     clock: Clock = SystemClock() if speed == 1 else ScaledClock(speed)
     transport: Literal["pty", "tcp"] = "tcp" if sys.platform == "win32" else "pty"
-    with SimulatedRig(RigConfig.random(seed), clock=clock, transport=transport) as rig:
+    config = RigConfig.random(seed)
+    config = config.model_copy(update={"jig": _wired_as(config.jig, setup.jig)})
+    with SimulatedRig(config, clock=clock, transport=transport) as rig:
         simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
         yield SimulatedSession(clock, simulated, rig)
+
+
+def _wired_as(simulated: JigModel, jig: JigConfig) -> JigModel:
+    """Give a simulated jig, with its errors, the channels and pulses of a jig file."""
+    axes: dict[str, ServoModel] = {
+        name: getattr(simulated, name).model_copy(
+            update={
+                "channel": axis.channel,
+                "angle_deg": axis.angle_deg,
+                "pulse_us": axis.pulse_us,
+            }
+        )
+        for name, axis in jig.axes.items()
+    }
+    return simulated.model_copy(update=axes)
 
 
 def together(*observers: Callable[[Progress], None]) -> Callable[[Progress], None]:

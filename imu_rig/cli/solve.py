@@ -70,7 +70,11 @@ def solve(
     local_gravity = gravity_from(gravity, latitude, height)
     trial: Trial | None = None
     if file.suffix == TRIAL_SUFFIX:
+        table = (map_file, columns, rate, accel_unit, gyro_unit, mag_unit, time_unit)
+        if any(option is not None for option in (*table, accel, gyro, time)):
+            raise InputError(f"{file} knows its columns, units and rate: leave those options out.")
         trial = open_trial(file)
+        sessions.warn_of_damage(trial)
         result = _solve_trial(trial, method, local_gravity)
         digest = trial.sha256
     else:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
     from imu_rig.calibration.model import PhysicalFigures
-    from imu_rig.calibration.result import CalibrationResult
+    from imu_rig.calibration.result import CalibrationResult, ErrorStages
     from imu_rig.report.facts import Truth
 
 MILLIRADIAN = 1e-3
-LABEL_WIDTH = 34
+LABEL_WIDTH = 30
+NUMBER_WIDTH = 11
 
 
 def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[str]:
@@ -27,28 +27,16 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     """
     from imu_rig.calibration.model import physical_figures
 
-    accel = result.accel_errors
     lines = [
         f"Calibration of {result.device.name or 'the sensor'} by {result.method} from "
         f"{len(result.poses)} poses and {len(result.moves)} moves",
         "",
     ]
-    if accel.before and accel.after:
-        held = f", left out {accel.held_out.rms / MILLI_G:.2f} mg" if accel.held_out else ""
-        lines.append(
-            f"  gravity magnitude, rms error     {accel.before.rms / MILLI_G:8.2f} mg before, "
-            f"{accel.after.rms / MILLI_G:.2f} mg after{held}"
-        )
-    gyro = result.gyro_errors
-    if gyro.before and gyro.after:
-        held = f", held out {gyro.held_out.rms / DEG:.3f} deg" if gyro.held_out else ""
-        lines.append(
-            f"  gravity direction per move, rms  {gyro.before.rms / DEG:8.3f} deg before, "
-            f"{gyro.after.rms / DEG:.3f} deg after{held}"
-        )
+    lines += _errors("gravity magnitude error, rms [mg]", result.accel_errors, MILLI_G)
+    lines += _errors("gravity direction per move, rms [deg]", result.gyro_errors, DEG)
     lines.append("")
-    header = f"  {'':{LABEL_WIDTH}}{'estimate':>12}{'std. unc.':>12}"
-    lines.append(header + (f"{'true':>12}{'error':>12}" if truth else ""))
+    header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
+    lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
     true = None if truth is None else physical_figures(truth.accel)
     lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
     if result.gyro_figures is not None:
@@ -56,8 +44,23 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
         if truth is not None and truth.gyro is not None:
             true = physical_figures(truth.gyro, truth.accel)
         lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
-    lines += ["", "  " + result.gravity.statement]
+    lines += ["", *_paragraph(result.gravity.statement)]
+    for warning in result.warnings:
+        lines += ["", *_paragraph(warning, mark="! ")]
     return lines
+
+
+def _paragraph(sentence: str, mark: str = "") -> list[str]:
+    return textwrap.wrap(
+        sentence, 78, initial_indent="  " + mark, subsequent_indent="  " + " " * len(mark)
+    )
+
+
+def _errors(label: str, stages: ErrorStages, unit: float) -> list[str]:
+    if stages.before is None or stages.after is None:
+        return []
+    line = f"  {label:39}{stages.before.rms / unit:.3f} raw   {stages.after.rms / unit:.3f} fitted"
+    return [line + (f"   {stages.held_out.rms / unit:.3f} left out" if stages.held_out else "")]
 
 
 def _figures(
@@ -84,23 +87,26 @@ def _figures(
     true += [] if truth is None else list(truth.bias)
     lines = []
     for i, (label, value, sigma, scale) in enumerate(rows):
-        line = f"  {label:{LABEL_WIDTH}}{value / scale:12.4f}{sigma / scale:12.4f}"
-        if true:
-            line += f"{true[i] / scale:12.4f}{(value - true[i]) / scale:12.4f}"
+        numbers = [value, sigma, *((true[i], value - true[i]) if true else ())]
+        columns = "".join(f"{number / scale:{NUMBER_WIDTH}.4f}" for number in numbers)
+        line = f"  {label:{LABEL_WIDTH}}{columns}"
         lines.append(line)
     return lines
 
 
-def json_text(certificate: Certificate, files: Mapping[str, str]) -> str:
-    """One JSON object: the certificate's content, and the files written."""
-    content = {
+def json_text(
+    certificate: Certificate, files: Mapping[str, str], truth: Truth | None = None
+) -> str:
+    """One JSON object: the certificate's content, the files written, and a simulation's truth."""
+    content: dict[str, object] = {
         "certificate": certificate.model_dump(mode="json", by_alias=True),
         "files": dict(files),
     }
-    return json.dumps(content, default=_plain, allow_nan=False)
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return str(value)
+    if truth is not None:
+        sensors = {"accel": truth.accel, "gyro": truth.gyro}
+        content["truth"] = {
+            name: {"K": affine.K.tolist(), "b": affine.b.tolist()}
+            for name, affine in sensors.items()
+            if affine is not None
+        }
+    return json.dumps(content, allow_nan=False)

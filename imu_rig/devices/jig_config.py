@@ -7,11 +7,12 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from imu_rig.errors import InputError
+from imu_rig.validation import sentence
 
 AxisName = Literal["pan", "tilt", "roll"]
 AXES: tuple[AxisName, ...] = ("pan", "tilt", "roll")
@@ -234,30 +235,4 @@ def load_jig(path_or_name: str | Path) -> JigConfig:
     try:
         return JigConfig.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{where}: {_sentence(error)}.") from error
-
-
-def _sentence(error: ValidationError) -> str:
-    """Put what is wrong with a jig file into one sentence."""
-    parts = []
-    problems = error.errors(include_url=False, include_context=False)
-    for problem in problems[:3]:
-        field = ".".join(str(step) for step in problem["loc"])
-        parts.append(_clause(field, problem["type"], problem["msg"], problem["input"]))
-    if len(problems) > 3:
-        parts.append(f"and {len(problems) - 3} more")
-    return "; ".join(parts)
-
-
-def _clause(field: str, kind: str, message: str, given: Any) -> str:
-    if kind == "missing":
-        return f"{field} is missing"
-    if kind == "extra_forbidden":
-        return f"{field} is not a field of a jig file; check its spelling"
-    if kind == "value_error":
-        said = message.removeprefix("Value error, ")
-        return f"{field}: {said}" if field else said
-    shown = repr(given)
-    shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
-    said = message[:1].lower() + message[1:]
-    return f"{field} is {shown}, but {said.replace('input should', 'it should')}"
+        raise InputError(f"{where}: {sentence(error, 'a jig file')}.") from error

@@ -15,6 +15,7 @@ from pydantic.functional_validators import BeforeValidator
 
 from imu_rig.errors import InputError
 from imu_rig.importing.unit_text import Kind, find_unit
+from imu_rig.validation import sentence
 
 SAMPLES = "samples"
 """The time unit of a column that counts samples; it needs the rate."""
@@ -92,9 +93,7 @@ def make_column_map(content: dict[str, Any], source: str) -> ColumnMap:
     try:
         return ColumnMap.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"] if not str(part).startswith("function"))
-        raise InputError(f"{source}: {field}: {first['msg']}") from error
+        raise InputError(f"{source}: {sentence(error, 'a column map')}") from error
 
 
 def load_column_map(path: Path | str) -> ColumnMap:

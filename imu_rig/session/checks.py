@@ -10,6 +10,7 @@ from imu_rig import rotation
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.devices.imu import ImuDevice
+from imu_rig.session.history import Visit
 from imu_rig.session.protocol import Pose
 from imu_rig.session.stillness import Quiet
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
@@ -17,6 +18,9 @@ from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 GRAVITY_TOLERANCE = 0.25  # of 1 g: beyond any uncalibrated sensor's scale and bias together
 TURN_TOLERANCE_DEG = 12.0  # servos of this class are off by degrees, a stuck one by a whole move
 TURN_TOLERANCE = 0.15
+SAME_DIRECTION_DEG = 12.0
+SAME_SIZE_MG = 25.0
+SAME_BIAS_DPS = 1.0
 
 
 def attitude(pose: Pose) -> FloatArray:
@@ -86,6 +90,38 @@ def wrong_turn(way: ImuBlock, bias: FloatArray, before: Pose, after: Pose) -> st
         f"The gyroscope saw a turn of {seen:.0f} deg on the way to {after} where "
         f"{commanded:.0f} deg were commanded: a servo is stuck, slips or has no power, or the jig "
         "file's pulses belong to another jig."
+    )
+
+
+def another_sensor(name: str, before: Visit, now: ImuBlock) -> str | None:
+    """Say what is wrong if a pose held again does not read as it did.
+
+    Sensors differ by degrees per second and tens of mg in their offsets; one sensor hardly does
+    from day to day. Servos come back to a pose within degrees.
+    """
+    if before.accel_mean is None or before.gyro_mean is None:
+        return None
+    accel = np.mean(now.accel, axis=0)
+    then = np.array(before.accel_mean)
+    size, size_then = float(np.linalg.norm(accel)), float(np.linalg.norm(then))
+    cosine = float(accel @ then) / (size * size_then)
+    tilted = float(np.arccos(np.clip(cosine, -1.0, 1.0))) / DEG
+    bias = float(np.max(np.abs(np.mean(now.gyro, axis=0) - before.gyro_mean))) / DEG
+    differs = [
+        (tilted > SAME_DIRECTION_DEG, f"gravity stands {tilted:.0f} deg from where it stood"),
+        (
+            abs(size - size_then) > SAME_SIZE_MG * MILLI_G,
+            f"gravity's size differs by {abs(size - size_then) / MILLI_G:.0f} mg",
+        ),
+        (bias > SAME_BIAS_DPS, f"the gyroscope's bias differs by {bias:.1f} deg/s"),
+    ]
+    found = [text for yes, text in differs if yes]
+    if not found:
+        return None
+    return (
+        f"{name} does not read in {before.name} what the session's sensor read there "
+        f"({', '.join(found)}): this is another sensor, or it is mounted in another way; begin a "
+        "new session for it."
     )
 
 

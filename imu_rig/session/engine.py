@@ -26,6 +26,7 @@ from imu_rig.errors import (
 )
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
+from imu_rig.session.history import Visit
 from imu_rig.session.plan import PlannedStep, SessionPlan, Stage, plan_move
 from imu_rig.session.progress import Progress, SessionOutcome, StopRequest, ignore
 from imu_rig.session.protocol import AxisName, Pose
@@ -44,6 +45,7 @@ PARK_PATIENCE_S = 8.0
 STOP_PATIENCE_S = 2.0  # for parking after the user asked to stop
 
 MAX_RECOVERIES_PER_STEP = 2
+MAX_WRONG_TURNS = 1  # of a session: once a servo may have been bumped, twice the jig is not right
 LOST_IN_HOLD = 0.05  # share of packets that a hold may miss
 
 NOT_PARKED = (
@@ -78,6 +80,9 @@ class SessionEngine:
         Made by whoever wants the session to park and end.
     first_step : int
         Index of the first stop to visit, above 0 when a stopped session goes on.
+    before : Visit, optional
+        A finished stop of the session that goes on: it is held once more and compared, so that
+        another sensor or mounting is not taken for the one the session began with.
     """
 
     def __init__(
@@ -92,16 +97,20 @@ class SessionEngine:
         notify: Callable[[str], None] = lambda sentence: None,
         stop: StopRequest | None = None,
         first_step: int = 0,
+        before: Visit | None = None,
     ) -> None:
         self.outcome = SessionOutcome()
         self._plan, self._jig, self._imu, self._clock = plan, jig, imu, clock
         self._first_step = first_step
+        self._before = before
         self._stop = stop or StopRequest()
         self._watch = Watch(
             jig, imu, trial, clock, self._stop, observe, notify, steps=len(plan.steps)
         )
         self.outcome.notices = self._watch.notices
         self._last_still: tuple[Pose, _Still] | None = None
+        self._position = plan.start
+        self._wrong_turns = 0
 
     def run(self) -> SessionOutcome:
         """Visit every stop, then park.
@@ -123,6 +132,8 @@ class SessionEngine:
             self._warn_of_released_servos()
             self._park(PARK_PATIENCE_S)
             self._measure_rest()
+            if self._before is not None:
+                self._compare_with_before(self._before)
             for step in self._plan.steps[self._first_step :]:
                 self._visit_persistently(step)
             step = None
@@ -147,22 +158,21 @@ class SessionEngine:
     def _visit_persistently(self, step: PlannedStep) -> None:
         for attempt in range(1 + MAX_RECOVERIES_PER_STEP):
             try:
-                self._visit(step, from_park=attempt > 0 or not self.outcome.finished)
+                self._visit(step)
                 return
             except DeviceError as fault:
                 if attempt == MAX_RECOVERIES_PER_STEP:
                     raise
                 self._recover(fault)
 
-    def _visit(self, step: PlannedStep, *, from_park: bool) -> None:
+    def _visit(self, step: PlannedStep) -> None:
         watch = self._watch
         watch.tell(step=step.index + 1, name=step.name, hold_s=step.hold_s, held_s=0.0)
         watch.event("step", index=step.index, name=step.name, pose=step.pose.angles())
-        stages, approach = step.stages, dict(step.approach)
-        if from_park:
-            stages, approach = self._way_from_park(step)
+        stages, approach = self._way_to(step)
         turns = [self._travel(stage, last=stage is stages[-1]) for stage in stages]
         still = self._hold(step, watch.now_s)
+        self._jig.check()
         self._check_turn(step, still)
         rest = scatter(still.block)
         watch.event(
@@ -183,13 +193,30 @@ class SessionEngine:
         )
         self._monitor.follow_bias(still.block)
         self._last_still = (step.pose, still)
+        self._position = step.pose
         watch.keep_only(still.block)
         self.outcome.finished.append(step.index)
         watch.tell(remaining_s=self._remaining_s())
 
-    def _way_from_park(self, step: PlannedStep) -> tuple[tuple[Stage, ...], dict[AxisName, int]]:
+    def _compare_with_before(self, before: Visit) -> None:
+        """Hold a finished stop once more and see whether sensor and mounting are the same."""
+        step = self._plan.steps[before.index]
+        self._watch.tell(step=step.index + 1, name=step.name, hold_s=step.hold_s, held_s=0.0)
+        stages, _ = self._way_to(step)
+        for stage in stages:
+            self._travel(stage, last=stage is stages[-1])
+        still = self._hold(step, self._watch.now_s)
+        problem = checks.another_sensor(self._imu.name, before, still.block)
+        if problem is not None:
+            raise SessionStopped(problem)
+        self._last_still = (step.pose, still)
+        self._watch.keep_only(still.block)
+        self._position = step.pose
+
+    def _way_to(self, step: PlannedStep) -> tuple[tuple[Stage, ...], dict[AxisName, int]]:
+        """Plan the way from where the jig stands, which after a recovery is its park pose."""
         order = self._plan.protocol.order
-        return plan_move(self._plan.start, step.pose, self._jig.config, order)
+        return plan_move(self._position, step.pose, self._jig.config, order)
 
     def _travel(self, stage: Stage, *, last: bool) -> dict[str, object]:
         """Drive one stage and return what the trial file keeps of it."""
@@ -215,7 +242,7 @@ class SessionEngine:
         deadline = Deadline(self._clock, patience_s)
         while not self._jig.arrived():
             self._watch.look()
-            if deadline.expired:
+            if deadline.expired and not self._jig.arrived():
                 self._jig.check()
                 reported = checks.angles(self._jig.reported())
                 raise DeviceError(
@@ -274,8 +301,12 @@ class SessionEngine:
             return
         bias = np.mean(held.block.gyro, axis=0)
         problem = checks.wrong_turn(way, bias, before, step.pose)
-        if problem is not None:
-            raise DeviceError(problem)
+        if problem is None:
+            return
+        self._wrong_turns += 1
+        if self._wrong_turns > MAX_WRONG_TURNS:
+            raise SessionStopped(problem)
+        raise DeviceError(problem)
 
     # --- before and after ---------------------------------------------------------------------
 
@@ -320,6 +351,7 @@ class SessionEngine:
         self._jig.park()
         self._watch.event("parking")
         self._await_arrival("at its park pose", patience_s)
+        self._position = self._plan.start
         self._watch.event("parked")
 
     def _end_parked(self) -> None:
@@ -378,7 +410,7 @@ class SessionEngine:
         lost = self._park_quietly(0.0) == "lost"
         watch.notice(
             f"{fault} {'The jig cannot be parked now.' if lost else 'The jig is parking.'} "
-            f"Waiting up to {RECOVERY_S:.0f} s for it to come back."
+            f"Waiting up to {RECOVERY_S:.0f} s for all to be well."
         )
         deadline = Deadline(self._clock, RECOVERY_S)
         while True:
@@ -390,10 +422,11 @@ class SessionEngine:
             except DeviceError as still_wrong:
                 if deadline.expired:
                     raise SessionStopped(str(still_wrong)) from fault
+                watch.take_samples()
                 self._clock.sleep(RECOVERY_RETRY_S)
         self.outcome.recoveries += 1
         watch.event("recovered")
-        watch.notice("It came back; the session goes on with the pose it was at.")
+        watch.notice("All is well again; the session goes on with the pose it was at.")
 
     def _reconnect(self) -> None:
         self._watch.check_stop()

@@ -20,7 +20,7 @@ SESSION_KIND = "calibration-session"
 IMU_SOURCE = "imu"
 MAESTRO_SOURCE = "maestro"
 
-Seconds = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Event(BaseModel):
@@ -33,19 +33,25 @@ class Turn(_Event):
     axes: Annotated[tuple[AxisName, ...], Field(min_length=1, max_length=3)]
     from_deg: Pose
     to_deg: Pose
-    t_s: tuple[Seconds, Seconds]
+    t_s: tuple[Finite, Finite]
 
 
 class Visit(_Event):
-    """One stop that was held still to its end; ``still_s`` is its interval in trial time [s]."""
+    """One stop that was held still to its end.
+
+    ``still_s`` is its interval in trial time [s]; ``accel_mean`` [m/s^2] and ``gyro_mean``
+    [rad/s] are what the sensor read there.
+    """
 
     index: Annotated[int, Field(ge=0, le=2000)]
     name: Annotated[str, Field(max_length=80)]
     kind: Literal["pose", "rotation"]
     commanded_deg: Pose
-    reported_deg: dict[AxisName, Seconds] = {}
+    reported_deg: dict[AxisName, Finite] = {}
     approach: dict[AxisName, int] = {}
-    still_s: tuple[Seconds, Seconds]
+    accel_mean: tuple[Finite, Finite, Finite] | None = None
+    gyro_mean: tuple[Finite, Finite, Finite] | None = None
+    still_s: tuple[Finite, Finite]
     turns: Annotated[tuple[Turn, ...], Field(max_length=6)] = ()
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imu_rig.devices.jig import JigConfig
-from imu_rig.errors import LimitError
+from imu_rig.errors import InputError
 from imu_rig.session.protocol import AXIS_NAMES, AxisName, JigProtocol, Pose
 
 ARRIVAL_S = 0.15
@@ -75,7 +75,7 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
 
     Raises
     ------
-    LimitError
+    InputError
         If any pose lies outside the jig's limits; all of them are named.
     """
     poses = _absolute_poses(protocol)
@@ -160,7 +160,7 @@ def _check_limits(protocol: JigProtocol, jig: JigConfig, poses: list[Pose]) -> N
             if not low <= angle <= high:
                 outside.append(f"step {number} {axis} {angle:g} deg (allowed {low:g} to {high:g})")
     if outside:
-        raise LimitError(
+        raise InputError(
             f"Protocol '{protocol.name}' leaves the limits of jig '{jig.name}': "
             f"{'; '.join(outside[:8])}{' ...' if len(outside) > 8 else ''}; "
             "use a protocol within the jig's reach or correct the limits in the jig file."

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from imu_rig.errors import InputError
+from imu_rig.validation import sentence
 
 MAX_PROTOCOL_BYTES = 256 * 1024
 DEFAULT_PROTOCOL = "full"
@@ -121,8 +122,8 @@ def load_protocol(name_or_path: str | Path) -> JigProtocol:
     except (OSError, UnicodeDecodeError, ValueError) as error:
         known = ", ".join(builtin)
         raise InputError(
-            f"No jig protocol '{name_or_path}': give one of {known}, or the path of a TOML file "
-            f"({error})."
+            f"There is no jig protocol '{name_or_path}': give one of {known}, or the path of a "
+            "TOML file."
         ) from error
     return _parse(text, str(path))
 
@@ -133,6 +134,4 @@ def _parse(text: str, origin: str) -> JigProtocol:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{origin} is not valid TOML: {error}.") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise InputError(f"{origin}: {field}: {first['msg']}.") from error
+        raise InputError(f"{origin}: {sentence(error, 'a jig protocol')}.") from error

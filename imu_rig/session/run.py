@@ -96,7 +96,8 @@ def run_session(
         opened.
     """
     plan = setup.plan()
-    first_step = read_session(open_trial(path)).next_step if resume else 0
+    begun = read_session(open_trial(path)) if resume else None
+    finished_before = begun.visits[-1] if begun is not None and begun.visits else None
     with ExitStack() as stack:
         if resume:
             trial = TrialWriter.append(path, clock=clock)
@@ -149,7 +150,8 @@ def run_session(
                 observe=observe,
                 notify=notify,
                 stop=stop,
-                first_step=first_step,
+                first_step=0 if begun is None else begun.next_step,
+                before=finished_before,
             )
             outcome = engine.run()
             reason = "complete"

@@ -5,16 +5,42 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo
 from imu_rig.calibration.session import CommandedPoses, CommandedTurn
-from imu_rig.calibration.solve import DEFAULT_METHOD, solve
-from imu_rig.errors import DataError
+from imu_rig.calibration.solve import DEFAULT_METHOD, METHODS, solve
+from imu_rig.errors import DataError, InputError
 from imu_rig.recording.reader import Trial
-from imu_rig.session.history import IMU_SOURCE, Visit, read_session
-from imu_rig.session.protocol import Pose
+from imu_rig.session.history import IMU_SOURCE, SessionRecord, Visit, read_session
+from imu_rig.session.protocol import JigProtocol, Pose
 
 EDGE_S = 0.05  # cut off both ends of a hold: live and final clock fit differ by milliseconds
+
+
+FEWEST_POSES = {"multi-position": 9, "paper": 5, "paper-diagonal": 3}
+"""Static poses below which a method cannot determine its accelerometer parameters."""
+
+
+def check_protocol(protocol: JigProtocol, method: str) -> None:
+    """Refuse a protocol from which a method could never solve, before anything moves.
+
+    Raises
+    ------
+    InputError
+        If there is no such method, or the protocol has too few poses for it.
+    """
+    if method not in METHODS:
+        raise InputError(f"There is no method '{method}': take one of {', '.join(METHODS)}.")
+    poses = sum(step.kind == "pose" for step in protocol.steps)
+    if poses < FEWEST_POSES[method]:
+        able = [name for name, fewest in FEWEST_POSES.items() if poses >= fewest]
+        other = f", or --method {able[0]}, which trusts the jig's angles" if able else ""
+        raise InputError(
+            f"Protocol '{protocol.name}' has {poses} static poses, and method {method} needs "
+            f"{FEWEST_POSES[method]} or more (16 are advised): take a longer protocol, such as "
+            f"full{other}."
+        )
 
 
 def solve_session(
@@ -37,6 +63,25 @@ def solve_session(
             f"{trial.path} holds no finished pose yet; go on with the session first: "
             f"imu-rig calibrate --resume {trial.path}"
         )
+    try:
+        return _solve(block, session, visits, method, gravity)
+    except DataError as error:
+        if session.next_step == len(session.protocol.steps):
+            raise
+        raise DataError(
+            f"{error}; the session is not finished ({len(session.finished)} of "
+            f"{len(session.protocol.steps)} stops), so go on with it first: imu-rig calibrate "
+            f"--resume {trial.path}"
+        ) from error
+
+
+def _solve(
+    block: ImuBlock,
+    session: SessionRecord,
+    visits: list[Visit],
+    method: str,
+    gravity: Gravity | None,
+) -> CalibrationResult:
     return solve(
         block,
         np.array([(v.still_s[0] + EDGE_S, v.still_s[1] - EDGE_S) for v in visits]),
@@ -58,7 +103,7 @@ def _driven_turns(visit: Visit) -> list[CommandedTurn]:
     after its controller reports arrival.
     """
     begins = [turn.t_s[0] for turn in visit.turns]
-    ends = [*begins[1:], visit.still_s[0]]
+    ends = [*begins[1:], visit.still_s[0]][: len(begins)]
     return [
         CommandedTurn(begin, end, _degrees(turn.from_deg), _degrees(turn.to_deg))
         for begin, end, turn in zip(begins, ends, visit.turns, strict=True)

@@ -140,6 +140,10 @@ def hand_table(tmp_path: Path, text: str) -> Path:
         (["calibrate", "--simulate", "--jig", "none.toml"], 2, "none"),
         (["calibrate", "--simulate", "--layout", "none"], 2, "none"),
         (["calibrate", "--resume", "none.imu-trial", "--simulate"], 2, "none.imu-trial"),
+        (["calibrate", "--simulate", "--imu", "/dev/none1"], 2, "not both"),
+        (["calibrate", "--simulate", "--protocol", "six-faces-and-turns"], 2, "--method paper"),
+        (["calibrate", "--simulate", "--method", "guess"], 2, "multi-position"),
+        (["solve", "none.imu-trial", "--rate", "100"], 2, "leave those options out"),
         (["solve", "none.csv"], 2, "none.csv"),
         (["solve", "none.imu-trial"], 2, "none.imu-trial"),
         (["solve", "x.csv", "--gravity", "3"], 2, "gravity"),
@@ -215,3 +219,31 @@ def test_an_ill_posed_saturated_recording_is_warned_of(imu_rig: Any, imu_rig_dat
     warnings = " ".join(json.loads(done.stdout)["certificate"]["warnings"])
     assert "range limit" in warnings
     assert "10 poses" in warnings
+
+
+@pytest.mark.parametrize(
+    ("protocol", "method"), [("six-faces-and-turns", "paper"), ("quick", "multi-position")]
+)
+def test_every_other_builtin_protocol_ends_in_a_certificate(
+    imu_rig: Any, tmp_path: Path, protocol: str, method: str
+) -> None:
+    done = imu_rig(
+        *("calibrate", "--simulate", "--speed", 8, "--protocol", protocol, "--method", method),
+        *("--output", tmp_path / "out", "--json"),
+    )
+    assert json.loads(done.stdout)["certificate"]["gyro"] is not None
+
+
+def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
+    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    content = json.loads(Path(finished["files"]["certificate"]).read_text())
+    content["gyro"] = None
+    content["device"]["layout"] = "of-another-sensor"
+    path = tmp_path / "accel-only.json"
+    path.write_text(json.dumps(content))
+    trial = finished["files"]["trial"]
+    done = imu_rig("export", trial, "--certificate", path, "-o", tmp_path / "x.csv", "--json")
+    assert json.loads(done.stdout)["calibrated"] == ["accel"]
+    assert "raw" in done.stderr
+    assert "of-another-sensor" in done.stderr

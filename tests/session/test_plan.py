@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imu_rig.devices.jig import JigConfig, load_jig
-from imu_rig.errors import LimitError
+from imu_rig.errors import InputError
 from imu_rig.session.plan import SessionPlan, plan_session
 from imu_rig.session.protocol import AXIS_NAMES, JigProtocol, Step, builtin_protocols, load_protocol
 
@@ -36,7 +36,7 @@ def test_the_full_session_takes_about_the_studied_82_seconds() -> None:
 
 def test_all_poses_outside_the_limits_are_named_at_once() -> None:
     protocol = JigProtocol(name="far", steps=(Step(tilt=120), Step(tilt=0, roll=500)))
-    with pytest.raises(LimitError) as caught:
+    with pytest.raises(InputError) as caught:
         plan_session(protocol, JIG)
     assert "step 1 tilt 120" in str(caught.value)
     assert "step 2 roll 500" in str(caught.value)
