@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,7 +23,8 @@ import imu_rig
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import CalibrationResult, ErrorStages, ErrorSummary
-from imu_rig.errors import InputError, StorageError
+from imu_rig.errors import InputError
+from imu_rig.files import write_whole
 
 SCHEMA = "imu-rig/certificate"
 VERSION = 1
@@ -192,19 +191,8 @@ class Certificate(_Part):
         StorageError
             The disk is full or fails.
         """
-        target = Path(path)
-        if os.path.lexists(target) and not overwrite:
-            raise InputError(
-                f"{target} exists and a certificate is never overwritten unasked; "
-                "choose another name"
-            )
-        if not target.parent.is_dir():
-            raise InputError(f"{target.parent} is not a directory; make it before saving there")
         text = self.model_dump_json(indent=1).encode() + b"\n"
-        try:
-            _write_durably(target, text)
-        except OSError as error:
-            raise StorageError(f"{target} could not be written: {error.strerror}") from error
+        write_whole(path, text, what="a certificate", overwrite=overwrite)
 
 
 def certificate_of(
@@ -333,23 +321,3 @@ def _stages(errors: ErrorStages) -> StagesEntry:
     return StagesEntry(
         before=entry(errors.before), after=entry(errors.after), held_out=entry(errors.held_out)
     )
-
-
-def _write_durably(target: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(0o644)
-        # Renaming replaces a symbolic link instead of following it.
-        Path(name).replace(target)
-    except OSError:
-        Path(name).unlink(missing_ok=True)
-        raise
-    directory = os.open(target.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
 
-from imu_rig.errors import InputError, StorageError
+from imu_rig.files import write_whole
 
 UNPRINTABLE = re.compile(
     r"[^\t\n\x20-\x7e\xa0-\ud7ff\ue000-\ufdcf\ufdf0-\ufffd\U00010000-\U0010fffd]"
@@ -109,41 +107,13 @@ def write_report(path: Path | str, html: str, *, overwrite: bool = False) -> Non
     Raises
     ------
     InputError
-        The file exists, or its directory does not.
+        The file exists, or its folder does not.
     StorageError
         The disk is full or fails.
     """
-    target = Path(path)
-    if os.path.lexists(target) and not overwrite:
-        raise InputError(
-            f"{target} exists and a report is never overwritten unasked; choose another name"
-        )
-    if target.is_dir() and not target.is_symlink():
-        raise InputError(f"{target} is a directory; name a file for the report")
-    if not target.parent.is_dir():
-        raise InputError(f"{target.parent} is not a directory; make it before saving there")
-    try:
-        _replace(target, html.encode())
-    except OSError as error:
-        raise StorageError(f"{target} could not be written: {error.strerror}") from error
+    write_whole(path, html.encode(), what="a report", overwrite=overwrite)
 
 
 def _row(cells: Sequence[str]) -> Html:
     first, *rest = cells
     return element("tr", element("th", first, scope="row"), *(element("td", cell) for cell in rest))
-
-
-def _replace(target: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        # Renaming replaces a symbolic link instead of following it.
-        temporary.replace(target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

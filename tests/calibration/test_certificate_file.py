@@ -104,7 +104,7 @@ def test_a_failing_disk_leaves_nothing_half_written(certificate, tmp_path, monke
 
 
 def test_a_missing_folder_is_named(certificate, tmp_path):
-    with pytest.raises(InputError, match="not a directory"):
+    with pytest.raises(InputError, match="not a folder"):
         certificate.save(tmp_path / "none" / "c.json")
 
 

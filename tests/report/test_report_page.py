@@ -55,9 +55,9 @@ def test_a_report_is_written_and_never_overwritten_unasked(tmp_path):
 
 
 def test_a_place_that_cannot_hold_a_report_is_named(tmp_path):
-    with pytest.raises(InputError, match="nowhere is not a directory"):
+    with pytest.raises(InputError, match="nowhere is not a folder"):
         write_report(tmp_path / "nowhere" / "report.html", "x")
-    with pytest.raises(InputError, match="is a directory"):
+    with pytest.raises(InputError, match="is a folder"):
         write_report(tmp_path, "x", overwrite=True)
 
 
