@@ -31,6 +31,8 @@ SCATTER_FACTOR = 3.0
 TREMOR = 2.0 * DEG
 """Scatter of the rate that is still whatever the noise floor [rad/s]: a hand or a table that
 trembles like this at 2 Hz tilts by 0.2 deg, which changes the mean gravity by a few ppm."""
+NEVER_STILL = 60.0 * MILLI_G
+"""Scatter of an accelerometer [m/s^2] that is no sensor's noise: it was in motion throughout."""
 LEAST_ACCEL_NOISE = 0.2 * MILLI_G
 LEAST_GYRO_NOISE = 0.005 * DEG
 """Below the noise of any sensor of the class, so that noiseless data have a floor too."""
@@ -148,6 +150,12 @@ def find_stills(
     quiet = _unbroken(np.flatnonzero(frozen_rows(block)), len(block), width)
     a_floor = _noise_floor(a_var[quiet], LEAST_ACCEL_NOISE)
     g_floor = _noise_floor(g_var[quiet], LEAST_GYRO_NOISE)
+    if np.sqrt(a_floor) > NEVER_STILL:
+        raise DataError(
+            "the sensor was never held still: even in its quietest moments the accelerometer "
+            f"scatters by {np.sqrt(a_floor) / MILLI_G:.0f} mg; hold it still for a second or two in "
+            "every attitude"
+        )
     quiet &= _unbroken(gaps(block.t), len(block), width)
     quiet &= a_var < SCATTER_FACTOR**2 * a_floor
     quiet &= g_var < max(SCATTER_FACTOR**2 * g_floor, TREMOR**2)
