@@ -46,6 +46,7 @@ DEFAULT_LAYOUT_NAME = "mpu9150-28"
 MAX_HEADER_BYTES = 64
 MAX_FIELDS = 256
 MAX_FILE_BYTES = 1 << 16
+MAX_DOTS = 32  # in one line; a key of thousands of parts keeps its reader busy for ever
 
 _LAYOUT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -280,6 +281,8 @@ def _builtin_names() -> list[str]:
 
 
 def _parse(text: bytes, source: str) -> PacketLayout:
+    if any(line.count(b".") > MAX_DOTS for line in text.split(b"\n")):
+        raise LayoutError(f"{source}: a line has more than {MAX_DOTS} dots.")
     try:
         data = tomllib.loads(text.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested without end

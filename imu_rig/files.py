@@ -1,23 +1,73 @@
-"""Writing a small file whole or not at all."""
+"""Small files: read within bounds, written whole or not at all."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from imu_rig.errors import InputError, StorageError
 
+MOST_DOTS = 32  # in one line of TOML; a key of thousands of parts keeps its reader busy for ever
+
+
+def read_small(path: Path | str, most_bytes: int, *, what: str) -> bytes:
+    """Read an ordinary file that may not be large.
+
+    Raises
+    ------
+    InputError
+        No such file, a folder or device in its place, or a larger one; ``what`` names it in the
+        sentence: "a jig file".
+    """
+    source = Path(path)
+    try:
+        if not source.is_file():
+            raise InputError(f"{source}: there is no such file to read {what} from.")
+        with source.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{source}: {what} cannot be read from it ({error}).") from error
+    if len(data) > most_bytes:
+        raise InputError(f"{source} is too large for {what}, which has at most {most_bytes} bytes.")
+    return data
+
+
+def parse_toml(data: bytes, source: str) -> dict[str, Any]:
+    """Parse TOML that nobody vouches for.
+
+    Raises
+    ------
+    InputError
+        Naming ``source``, if it is not TOML or made to keep its reader busy.
+    """
+    if any(line.count(b".") > MOST_DOTS for line in data.split(b"\n")):
+        raise InputError(f"{source} has a line with more than {MOST_DOTS} dots.")
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source} is not a valid TOML file ({error}).") from error
+
 
 def write_whole(path: Path | str, data: bytes, *, what: str, overwrite: bool = False) -> None:
-    """Write a file beside its place, sync it, and move it there.
+    """Write a small file; see `whole_file`."""
+    with whole_file(path, what=what, overwrite=overwrite) as file:
+        file.write(data)
+
+
+@contextmanager
+def whole_file(path: Path | str, *, what: str, overwrite: bool = False) -> Iterator[BinaryIO]:
+    """Write a file beside its place, sync it, and move it there when the block has ended well.
 
     A symbolic link is replaced, never followed.
 
     Parameters
     ----------
     path : Path or str
-    data : bytes
     what : str
         What it is, for sentences: "a certificate".
     overwrite : bool
@@ -31,35 +81,41 @@ def write_whole(path: Path | str, data: bytes, *, what: str, overwrite: bool = F
         The disk is full or fails; nothing is left then.
     """
     target = Path(path)
-    if os.path.lexists(target) and not overwrite:
-        raise InputError(
-            f"{target} exists and {what} is never overwritten unasked; choose another name"
-        )
-    if target.is_dir() and not target.is_symlink():
-        raise InputError(f"{target} is a folder; name a file for {what}")
-    if not target.parent.is_dir():
-        raise InputError(f"{target.parent} is not a folder; make it before saving {what} there")
     try:
-        _replace(target, data)
+        if "\0" in str(target):
+            raise InputError(f"a name with a NUL character cannot be {what}'s")
+        if os.path.lexists(target) and not overwrite:
+            raise InputError(
+                f"{target} exists and {what} is never overwritten unasked; choose another name"
+            )
+        if target.is_dir() and not target.is_symlink():
+            raise InputError(f"{target} is a folder; name a file for {what}")
+        if not target.parent.is_dir():
+            raise InputError(f"{target.parent} is not a folder; make it before saving {what} there")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{target} is no name for {what} ({error})") from error
+    try:
+        handle, name = tempfile.mkstemp(prefix=".imu-rig-", dir=target.parent)
+        temporary = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.chmod(0o644)
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+        _sync_folder(target.parent)
     except OSError as error:
         raise StorageError(f"{target} could not be written: {error.strerror}") from error
 
 
-def _replace(target: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=".imu-rig-", dir=target.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+def _sync_folder(folder: Path) -> None:
+    """Make a new name in a folder outlive a power cut, where the system can."""
     if os.name == "posix":
-        folder = os.open(target.parent, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(folder)
+            os.fsync(descriptor)
         finally:
-            os.close(folder)
+            os.close(descriptor)

@@ -24,7 +24,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import CalibrationResult, ErrorStages, ErrorSummary
 from imu_rig.errors import InputError
-from imu_rig.files import write_whole
+from imu_rig.files import read_small, write_whole
 
 SCHEMA = "imu-rig/certificate"
 VERSION = 1
@@ -218,7 +218,9 @@ def certificate_of(
         method=result.method,
         frame="jig" if result.frame == "jig" else "sensor",
         device=DeviceEntry(
-            name=result.device.name, serial=result.device.serial, layout=result.device.layout
+            name=_plain(result.device.name),
+            serial=_plain(result.device.serial),
+            layout=result.device.layout,
         ),
         gravity=GravityEntry(
             value=result.gravity.value, source=result.gravity.source, known=result.gravity.known
@@ -257,9 +259,14 @@ def certificate_of(
         recording=(
             None
             if recording is None
-            else RecordingEntry(file=Path(recording[0]).name, sha256=recording[1])
+            else RecordingEntry(file=_plain(Path(recording[0]).name), sha256=recording[1])
         ),
     )
+
+
+def _plain(name: str) -> str:
+    """Replace what UTF-8 cannot hold, as in file names of another encoding."""
+    return name.encode("utf-8", "replace").decode()
 
 
 def load_certificate(path: Path | str) -> Certificate:
@@ -271,15 +278,7 @@ def load_certificate(path: Path | str) -> Certificate:
         No such file, not a certificate, a newer version, a missing or impossible value.
     """
     source = Path(path)
-    try:
-        with source.open("rb") as file:
-            data = file.read(MAXIMUM_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{source} could not be read: {error.strerror}") from error
-    if len(data) > MAXIMUM_BYTES:
-        raise InputError(
-            f"{source} is larger than {MAXIMUM_BYTES // 1_000_000} MB and so is no certificate"
-        )
+    data = read_small(source, MAXIMUM_BYTES, what="a certificate")
     try:
         content: Any = from_json(data, allow_inf_nan=True)
     except ValueError as error:

@@ -27,6 +27,7 @@ from imu_rig.calibration.stills import (
     gaps,
     sample_rate,
     summarize,
+    unbroken_windows,
 )
 from imu_rig.calibration.suspicion import at_limit
 from imu_rig.errors import DataError, InputError
@@ -108,11 +109,25 @@ def _prepare(
         raise InputError(
             "commanded angles need one still window each: give as many windows as poses"
         )
-    stills = find_stills(block) if windows is None else summarize(block, windows)
-    names = tuple(f"pose {i + 1}" for i in range(len(stills)))
-    if commanded is not None and commanded.names:
-        names = commanded.names
-    warnings = _moved(stills, names)
+    names: tuple[str, ...] = ()
+    broken: list[str] = []
+    if windows is None:
+        stills = find_stills(block)
+    else:
+        spans = np.asarray(windows, dtype=float).reshape(-1, 2)
+        names = commanded.names if commanded is not None else ()
+        names = names or tuple(f"pose {i + 1}" for i in range(len(spans)))
+        whole = unbroken_windows(block, spans)
+        broken = [
+            f"{name} was set aside: samples are missing inside it."
+            for name, keep in zip(names, whole, strict=True)
+            if not keep
+        ]
+        names = tuple(name for name, keep in zip(names, whole, strict=True) if keep)
+        commanded = _commanded_of(commanded, whole)
+        stills = summarize(block, spans[whole])
+    names = names or tuple(f"pose {i + 1}" for i in range(len(stills)))
+    warnings = broken + _moved(stills, names)
     accel_bad, gyro_bad = at_limit(block.accel, accel_limit), at_limit(block.gyro, gyro_limit)
     frozen = frozen_rows(block)
     usable = _unsaturated(block, stills, names, accel_bad, warnings)

@@ -41,6 +41,8 @@ BIAS_TOLERANCE = 0.5 * DEG
 bias walk of a recording of several minutes."""
 TREMOR_SHARE = 0.5
 """Part of the scatter in a window that a tremor of 1 or 2 Hz can leave in its mean."""
+FEWEST_SAMPLES = 8
+"""Fewer samples make no mean with an uncertainty."""
 PRIOR_DOF = 4.0
 """Weight of the pooled scatter when that of one short still is judged."""
 
@@ -153,8 +155,8 @@ def find_stills(
     if np.sqrt(a_floor) > NEVER_STILL:
         raise DataError(
             "the sensor was never held still: even in its quietest moments the accelerometer "
-            f"scatters by {np.sqrt(a_floor) / MILLI_G:.0f} mg; hold it still for a second or two in "
-            "every attitude"
+            f"scatters by {np.sqrt(a_floor) / MILLI_G:.0f} mg; hold it still for a second or two "
+            "in every attitude"
         )
     quiet &= _unbroken(gaps(block.t), len(block), width)
     quiet &= a_var < SCATTER_FACTOR**2 * a_floor
@@ -175,6 +177,15 @@ def find_stills(
             "pose, on something firm"
         )
     return _summary(block, start, stop)
+
+
+def unbroken_windows(block: ImuBlock, spans: FloatArray) -> BoolArray:
+    """Mark the windows (m, 2) [s] that hold enough samples without a gap, shape (m,)."""
+    start = np.searchsorted(block.t, spans[:, 0], side="left")
+    stop = np.searchsorted(block.t, spans[:, 1], side="right")
+    holes = gaps(block.t) if len(block) > 1 else np.empty(0, dtype=np.int64)
+    inside = np.searchsorted(holes, stop - 1) > np.searchsorted(holes, start)
+    return np.asarray((stop - start >= FEWEST_SAMPLES) & ~inside)
 
 
 def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArray) -> Stills:
@@ -206,10 +217,10 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
             raise InputError(
                 f"still interval {i + 1} begins before interval {i} ends: give them in time order"
             )
-        if last - first < 8:
+        if last - first < FEWEST_SAMPLES:
             raise DataError(
                 f"still interval {i + 1} ({spans[i, 0]:.2f} to {spans[i, 1]:.2f} s) holds "
-                f"{last - first} samples; 8 are the least"
+                f"{last - first} samples; {FEWEST_SAMPLES} are the least"
             )
         if np.any((holes >= first) & (holes < last - 1)):
             raise DataError(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import signal
-import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -15,68 +16,80 @@ from imu_rig.session.progress import Progress, StopRequest
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-REFRESH_S = 0.12
+REFRESH_S = 0.15
+LAST_WORDS_S = 1.0  # for a terminal to take what is left to say
+MOST_SENTENCES = 200
 PLAIN_LINE_S = 5.0  # between lines where stderr is no terminal
 BAR_WIDTH = 30
 
 
 class SessionView:
-    """Shows `Progress` as it comes; a context manager.
+    """Shows a session from a thread of its own; a context manager.
 
-    On a terminal a small table is redrawn in place a few times a second; otherwise a line is
-    written for every stop. Notices stay on the screen in either case.
+    Whoever observes only leaves the latest word here, so that a terminal which does not take its
+    text never holds up the jig. On a terminal a small table is redrawn in place a few times a
+    second; otherwise a line is written now and then. Notices stay on the screen in either case.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
-        from rich.console import Console
-        from rich.live import Live
-
-        self._console: Console = Console(stderr=True, highlight=False, soft_wrap=False)
         self._quiet = quiet
-        self._live = (
-            Live(console=self._console, auto_refresh=False, transient=True)
-            if self._console.is_terminal and not quiet
-            else None
-        )
-        self._drawn = 0.0
-        self._drawn_state = ""
-        self._line = 0.0
-        self._told = (-1, "")
+        self._progress = Progress()
+        self._sentences: deque[str] = deque(maxlen=MOST_SENTENCES)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="session-view", daemon=True)
 
     def __enter__(self) -> SessionView:
-        if self._live is not None:
-            self._live.__enter__()
+        if not self._quiet:
+            self._thread.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._live is not None:
-            self._live.__exit__(None, None, None)
+        self._ended.set()
+        if not self._quiet:
+            self._thread.join(timeout=LAST_WORDS_S)
 
     def notify(self, sentence: str) -> None:
-        """Show a sentence that stays."""
-        if not self._quiet:
-            self._console.print(sentence, markup=False)
+        """Show a sentence that stays; also from a signal handler."""
+        self._sentences.append(sentence)
 
     def observe(self, progress: Progress) -> None:
         """Show progress, at most a few times a second."""
-        now = time.monotonic()
-        if self._quiet:
-            return
-        if self._live is None:
-            self._write_line(progress, now)
-        elif now - self._drawn > REFRESH_S or progress.state != self._drawn_state:
-            self._drawn, self._drawn_state = now, progress.state
-            self._live.update(_table(progress), refresh=True)
+        self._progress = progress
 
-    def _write_line(self, progress: Progress, now: float) -> None:
-        key = (progress.step, progress.state)
-        if progress.state == "moving" and key != self._told and now - self._line > PLAIN_LINE_S:
-            self._line, self._told = now, key
-            self._console.print(
-                f"pose {progress.step} of {progress.steps} ({progress.name}), "
-                f"{_clock(progress.remaining_s)} left",
-                markup=False,
-            )
+    def _show(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        console = Console(stderr=True, highlight=False)
+        try:
+            if console.is_terminal:
+                with Live(console=console, auto_refresh=False, transient=True) as live:
+                    while self._wait(console):
+                        live.update(_table(self._progress), refresh=True)
+            else:
+                self._write_lines(console)
+        except (OSError, ValueError):  # nobody reads any more; the session goes on unseen
+            return
+
+    def _wait(self, console: Console) -> bool:
+        """Wait for the next refresh and print what must stay; False at the end."""
+        going = not self._ended.wait(REFRESH_S)
+        while self._sentences:
+            console.print(self._sentences.popleft(), markup=False)
+        return going
+
+    def _write_lines(self, console: Console) -> None:
+        told, line_s = 0, 0.0
+        while self._wait(console):
+            progress, now = self._progress, time.monotonic()
+            if progress.step > told and now - line_s > PLAIN_LINE_S:
+                told, line_s = progress.step, now
+                console.print(
+                    f"pose {progress.step} of {progress.steps} ({progress.name}), "
+                    f"{_clock(progress.remaining_s)} left",
+                    markup=False,
+                    soft_wrap=True,
+                )
 
 
 def _table(progress: Progress) -> RenderableType:
@@ -121,15 +134,16 @@ def _clock(seconds: float) -> str:
 
 
 @contextmanager
-def stop_on_signals(stop: StopRequest) -> Iterator[None]:
+def stop_on_signals(
+    stop: StopRequest, notify: Callable[[str], None] = lambda sentence: None
+) -> Iterator[None]:
     """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         del frame
-        again = "; once more to hurry" if stop.cause is None else ""
+        if stop.cause is None:
+            notify("Stopping: the jig parks and the file is closed; once more to hurry.")
         stop.make(f"Stopped by {signal.Signals(number).name}.")
-        if again and sys.stderr.isatty():
-            sys.stderr.write("\nStopping: the jig parks and the file is closed" + again + "\n")
 
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
     before = {n: signal.signal(getattr(signal, n), handle) for n in names}

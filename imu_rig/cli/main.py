@@ -5,17 +5,20 @@ Commands import what they need when they run, so that `imu-rig --help` answers a
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import os
 import shutil
 import sys
 import textwrap
-from typing import Annotated
+from typing import Annotated, NoReturn, TextIO
 
 import typer
 
 from imu_rig import __version__
 from imu_rig.cli import calibrate, demo, export, info, simulate, solve
-from imu_rig.errors import ImuRigError
+from imu_rig.errors import ImuRigError, StorageError
 
 app = typer.Typer(
     name="imu-rig",
@@ -58,16 +61,40 @@ def _wrapped(sentence: str) -> str:
 
 def run() -> None:
     """Run the program; every foreseen error is one sentence on stderr and an exit code."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started us
+            setattr(sys, name, io.StringIO())
     try:
         app()
+        sys.stdout.flush()
     except ImuRigError as error:
         if "--json" in sys.argv:
-            sys.stdout.write(json.dumps({"error": str(error), "exit_code": error.exit_code}) + "\n")
-        sys.stderr.write(_wrapped(f"imu-rig: {error}") + "\n")
-        sys.exit(error.exit_code)
+            answer = json.dumps({"error": str(error), "exit_code": error.exit_code})
+            _say(sys.stdout, answer)
+        _say(sys.stderr, _wrapped(f"imu-rig: {error}"))
+        _leave(error.exit_code)
     except KeyboardInterrupt:
-        sys.stderr.write("imu-rig: interrupted\n")
-        sys.exit(130)
+        _say(sys.stderr, "imu-rig: interrupted")
+        _leave(130)
     except BrokenPipeError:  # the reader of our output went away, as with `| head`
-        sys.stderr.close()
-        sys.exit(0)
+        _leave(0)
+    except OSError as error:
+        _say(sys.stderr, f"imu-rig: the output cannot be written ({error.strerror}).")
+        _leave(StorageError.exit_code)
+
+
+def _say(stream: TextIO, text: str) -> None:
+    """Write a last line, if anybody still takes it."""
+    with contextlib.suppress(OSError, ValueError):
+        stream.write(text + "\n")
+        stream.flush()
+
+
+def _leave(code: int) -> NoReturn:
+    """Exit without another attempt to write what could not be written."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    sys.exit(code)

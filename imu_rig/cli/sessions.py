@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -38,15 +39,16 @@ def new_folder(output: Path | None) -> Path:
         If the folder holds a session already, or cannot be made.
     """
     folder = output or Path(f"imu-rig-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}")
-    for name in (TRIAL_NAME, CERTIFICATE_NAME, REPORT_NAME):
-        if (folder / name).exists():
-            raise InputError(
-                f"{folder / name} exists already and is never overwritten: name another --output."
-            )
     try:
+        for name in (TRIAL_NAME, CERTIFICATE_NAME, REPORT_NAME):
+            if os.path.lexists(folder / name):
+                raise InputError(
+                    f"{folder / name} exists already and is never overwritten: name another "
+                    "--output."
+                )
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"The folder {folder} cannot be made ({error}).") from error
     return folder
 
 
@@ -79,7 +81,7 @@ def run_in_view(
         view.observe(progress)
 
     try:
-        with stop_on_signals(stop), view, _removed_if_empty(trial.parent):
+        with view, stop_on_signals(stop, view.notify), _removed_if_empty(trial.parent):
             run_session(
                 setup,
                 trial,

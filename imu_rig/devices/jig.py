@@ -191,6 +191,21 @@ class Jig:
             self.recover()
             self.command(self.config.park())
 
+    def park_blind(self) -> None:
+        """Send settings and park targets without asking anything; returns at once.
+
+        The quickest way to park, and the only one when a controller obeys but does not answer. A
+        controller that was reset would jump there: `park` takes hold of released servos first.
+
+        Raises
+        ------
+        DeviceError
+            If nothing can be sent.
+        """
+        targets = self._checked(self.config.park())
+        self._apply_settings()
+        self._move(targets, {axis: self._seen.get(axis, t) for axis, t in targets.items()})
+
     def recover(self) -> None:
         """Bring a controller that was reset or unplugged back to where it was told to be.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from imu_rig.errors import InputError
+from imu_rig.files import parse_toml, read_small
 from imu_rig.validation import sentence
 
 AxisName = Literal["pan", "tilt", "roll"]
@@ -34,7 +34,7 @@ MAX_SPEED, MAX_ACCELERATION = 10_000, 255
 MAX_FILE_BYTES = 65_536
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
 _Pair = tuple[_Finite, _Finite]
 
 
@@ -215,23 +215,14 @@ def load_jig(path_or_name: str | Path) -> JigConfig:
         where = f"built-in jig {path_or_name}"
         text = (builtin / f"{path_or_name}.toml").read_bytes()
     else:
-        where, path = str(path_or_name), Path(path_or_name)
-        try:
-            if not path.is_file():
-                raise InputError(
-                    f"{where}: there is no such jig file, and no built-in jig of that name "
-                    f"(built in: {', '.join(names)})."
-                )
-            with path.open("rb") as file:
-                text = file.read(MAX_FILE_BYTES + 1)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{where}: the jig file cannot be read ({error}).") from error
-    if len(text) > MAX_FILE_BYTES:
-        raise InputError(f"{where}: a jig file has at most {MAX_FILE_BYTES} bytes; this has more.")
-    try:
-        data = tomllib.loads(text.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{where}: not a TOML file ({error}).") from error
+        where = str(path_or_name)
+        if not Path(path_or_name).is_file():
+            raise InputError(
+                f"{where}: there is no such jig file, and no built-in jig of that name "
+                f"(built in: {', '.join(names)})."
+            )
+        text = read_small(path_or_name, MAX_FILE_BYTES, what="a jig file")
+    data = parse_toml(text, where)
     try:
         return JigConfig.model_validate(data)
     except ValidationError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, Validat
 from pydantic.functional_validators import BeforeValidator
 
 from imu_rig.errors import InputError
+from imu_rig.files import parse_toml, read_small
 from imu_rig.importing.unit_text import Kind, find_unit
 from imu_rig.validation import sentence
 
@@ -104,18 +104,8 @@ def load_column_map(path: Path | str) -> ColumnMap:
     InputError
         No such file, not TOML, an unknown field or a wrong value.
     """
-    source = Path(path)
-    try:
-        with source.open("rb") as file:
-            data = file.read(MAXIMUM_MAP_BYTES + 1)
-        if len(data) > MAXIMUM_MAP_BYTES:
-            raise InputError(f"{source} is too large for a column map")
-        content = tomllib.loads(data.decode())
-    except OSError as error:
-        raise InputError(f"{source} could not be read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{source} is no TOML file: {error}") from error
-    return make_column_map(content, str(source))
+    data = read_small(path, MAXIMUM_MAP_BYTES, what="a column map")
+    return make_column_map(parse_toml(data, str(path)), str(path))
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from imu_rig.blocks import ImuBlock
-from imu_rig.errors import InputError, StorageError
+from imu_rig.files import whole_file
 
 ROWS_AT_A_TIME = 20_000
 
@@ -39,21 +38,9 @@ def write_csv(path: Path, block: ImuBlock) -> None:
         names.append("counter")
         columns.append(block.counter[:, None].astype(float))
         formats.append("%d")
-    try:
-        file = path.open("x", encoding="utf-8", newline="\n")
-    except FileExistsError as error:
-        raise InputError(f"{path} exists already and is never overwritten.") from error
-    except OSError as error:
-        raise InputError(f"{path} cannot be made: {error.strerror}.") from error
-    try:
-        with file:
-            file.write(",".join(names) + "\n")
-            for start in range(0, len(block), ROWS_AT_A_TIME):
-                rows = slice(start, start + ROWS_AT_A_TIME)
-                part = np.concatenate([column[rows] for column in columns], axis=1)
-                np.savetxt(file, part, fmt=formats, delimiter=",")
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        path.unlink(missing_ok=True)
-        raise StorageError(f"{path} could not be written: {error.strerror}.") from error
+    with whole_file(path, what="an exported table") as file:
+        file.write((",".join(names) + "\n").encode())
+        for start in range(0, len(block), ROWS_AT_A_TIME):
+            rows = slice(start, start + ROWS_AT_A_TIME)
+            part = np.concatenate([column[rows] for column in columns], axis=1)
+            np.savetxt(file, part, fmt=formats, delimiter=",")

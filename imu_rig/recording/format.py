@@ -204,9 +204,12 @@ def decode_json(payload: bytes) -> Any:
         If it is not UTF-8, not JSON, holds NaN or an infinity, or is nested without reason.
     """
     try:
-        return json.loads(payload.decode(), parse_constant=_refuse_constant)
+        value = json.loads(payload.decode(), parse_constant=_refuse_constant)
+        if b"\\ud" in payload.lower():  # an escaped surrogate may stand alone
+            json.dumps(value, ensure_ascii=False).encode()
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+    return value
 
 
 def _plain(value: object) -> Any:

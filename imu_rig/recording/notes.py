@@ -3,6 +3,7 @@
 from collections.abc import Collection
 
 from imu_rig.clock import NS_PER_S
+from imu_rig.errors import InputError
 from imu_rig.recording.contents import Source
 from imu_rig.recording.format import CLOCK_PAIR, TRIAL, Kind, encode_json
 from imu_rig.recording.log import Entry, RecordingOptions, RecordLog
@@ -65,14 +66,24 @@ def resumed(trial: Trial, now_ns: int) -> Entry:
     return Kind.EVENT, TRIAL, now_ns, payload
 
 
+LONGEST_NS = 100 * 365 * 86_400 * NS_PER_S
+"""A time [ns] that no trial reaches."""
+
+
 def time_after(trial: Trial, wall_ns: int) -> int:
     """Return the trial time [ns] at which a trial goes on at a wall clock time [ns]."""
     newest = int(trial.records.time_ns.max())
+    if newest > LONGEST_NS:
+        raise InputError(
+            f"{trial.path} ends {newest / 1e9:.3g} s after its start, which no recording does: it "
+            "is damaged and cannot be continued."
+        )
     pairs = trial.clock_pairs
     if not len(pairs.t):
         return newest
     passed_ns = wall_ns - int(pairs.wall_ns[-1])
-    return max(newest, round(float(pairs.t[-1]) * NS_PER_S) + passed_ns)
+    later = round(float(pairs.t[-1]) * NS_PER_S) + passed_ns
+    return max(newest, later if later < LONGEST_NS else newest)
 
 
 def _totals(log: RecordLog) -> dict[str, int]:

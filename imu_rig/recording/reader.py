@@ -45,6 +45,8 @@ def open_trial(path: Path | str) -> Trial:
     """
     path = Path(path)
     try:
+        if not path.is_file():
+            raise InputError(f"{path} is no file that a trial could be read from.")
         with path.open("rb") as file:
             start = file.read(HEADER_SIZE)
     except OSError as error:

@@ -18,6 +18,8 @@ from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 GRAVITY_TOLERANCE = 0.25  # of 1 g: beyond any uncalibrated sensor's scale and bias together
 TURN_TOLERANCE_DEG = 12.0  # servos of this class are off by degrees, a stuck one by a whole move
 TURN_TOLERANCE = 0.15
+LOST = 0.05  # share of packets that a hold or a turn may miss
+HOLE_S = 0.1  # in their times
 SAME_DIRECTION_DEG = 12.0
 SAME_SIZE_MG = 25.0
 SAME_BIAS_DPS = 1.0
@@ -33,12 +35,16 @@ def attitude(pose: Pose) -> FloatArray:
     return turn
 
 
-def share_lost(block: ImuBlock) -> float:
-    """Share of packets missing inside a block, by its counter; 0 where it has none."""
-    if block.counter is None or len(block) < 2:
-        return 0.0
+def is_whole(block: ImuBlock) -> bool:
+    """Whether a block misses at most few packets, by its counter, and has no hole in its times."""
+    if len(block) < 2:
+        return False
+    if float(np.max(np.diff(block.t))) > HOLE_S:
+        return False
+    if block.counter is None:
+        return True
     span = int(block.counter[-1] - block.counter[0]) + 1
-    return max(0.0, 1.0 - len(block) / span)
+    return len(block) >= (1.0 - LOST) * span
 
 
 def wrong_gravity(name: str, block: ImuBlock) -> str | None:

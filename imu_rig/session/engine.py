@@ -15,7 +15,7 @@ import numpy as np
 from imu_rig.blocks import ImuBlock
 from imu_rig.clock import Clock, Deadline
 from imu_rig.devices.imu import ImuDevice
-from imu_rig.devices.jig import Jig
+from imu_rig.devices.jig import Jig, JigFault
 from imu_rig.errors import (
     DeviceError,
     DeviceLost,
@@ -46,7 +46,6 @@ STOP_PATIENCE_S = 2.0  # for parking after the user asked to stop
 
 MAX_RECOVERIES_PER_STEP = 2
 MAX_WRONG_TURNS = 1  # of a session: once a servo may have been bumped, twice the jig is not right
-LOST_IN_HOLD = 0.05  # share of packets that a hold may miss
 
 NOT_PARKED = (
     "The jig could not be parked, because its controller does not answer: switch off the servo "
@@ -146,7 +145,7 @@ class SessionEngine:
             raise StorageError(self._farewell(step, str(fault))) from fault
         except ImuRigError as fault:
             raise SessionStopped(self._farewell(step, str(fault))) from fault
-        except BaseException:
+        except BaseException:  # a fault of ours must not leave the jig standing either
             self._park_quietly(STOP_PATIENCE_S)
             raise
         finally:
@@ -172,6 +171,7 @@ class SessionEngine:
         stages, approach = self._way_to(step)
         turns = [self._travel(stage, last=stage is stages[-1]) for stage in stages]
         still = self._hold(step, watch.now_s)
+        reported = self._jig.reported()
         self._jig.check()
         self._check_turn(step, still)
         rest = scatter(still.block)
@@ -181,7 +181,7 @@ class SessionEngine:
             name=step.name,
             kind=step.kind,
             commanded_deg=step.pose.angles(),
-            reported_deg={axis: round(a, 3) for axis, a in self._jig.reported().items()},
+            reported_deg={axis: round(angle, 3) for axis, angle in reported.items()},
             approach=approach,
             still_s=[watch.trial_s(still.start), watch.trial_s(still.stop)],
             samples=len(still.block),
@@ -272,7 +272,7 @@ class SessionEngine:
                 watch.tell(state="holding", held_s=watch.newest_s - start)
                 if watch.newest_s - start >= wanted:
                     block = watch.samples(start, watch.newest_s)
-                    if checks.share_lost(block) <= LOST_IN_HOLD:
+                    if checks.is_whole(block):
                         return _Still(start, watch.newest_s, block)
                     start, since, restarts = None, watch.newest_s, restarts + 1
                     watch.notice(f"Packets were lost while {step.name} was held; holding it again.")
@@ -297,7 +297,7 @@ class SessionEngine:
             return
         before, held = self._last_still
         way = self._watch.samples(held.stop, still.start)
-        if len(way) < 2 or checks.share_lost(way) > LOST_IN_HOLD:
+        if len(way) < 2 or not checks.is_whole(way):
             return
         bias = np.mean(held.block.gyro, axis=0)
         problem = checks.wrong_turn(way, bias, before, step.pose)
@@ -357,26 +357,36 @@ class SessionEngine:
     def _end_parked(self) -> None:
         """Park after the last stop; every pose is measured, whatever happens now."""
         self._watch.tell(state="parking")
-        if self._park_quietly(PARK_PATIENCE_S) == "lost":
+        if self._park_quietly(PARK_PATIENCE_S) in {"sent", "lost"}:
             self._watch.notice(f"All stops are finished. {NOT_PARKED}")
 
-    def _park_quietly(self, patience_s: float) -> str:
+    def _park_quietly(self, patience_s: float, *, reset: bool = False) -> str:
         """Park whatever the sensor does.
 
-        Returns "parked", "parking" where it is still on its way after ``patience_s``, or "lost"
-        where the controller does not take the command.
+        The park targets are sent before anything is asked, because a controller that does not
+        answer may still obey; only one that was ``reset`` must take hold of its servos first.
+
+        Returns "parked"; "parking" where it is still on its way after ``patience_s``; "sent"
+        where the controller does not answer; "lost" where nothing can be sent to it.
         """
+        sent = False
         try:
+            if not reset:
+                self._jig.park_blind()
+                sent = True
+                self._watch.event("parking")
             self._jig.recover()
             self._jig.park()
-            self._watch.event("parking")
+            if not sent:
+                sent = True
+                self._watch.event("parking")
             deadline = Deadline(self._clock, patience_s)
             while not self._jig.arrived():
                 if deadline.expired or self._stop.hurry:
                     return "parking"
                 self._clock.sleep(POLL_S)
         except DeviceError:
-            return "lost"
+            return "sent" if sent else "lost"
         self._watch.event("parked")
         return "parked"
 
@@ -385,7 +395,13 @@ class SessionEngine:
         parked = self._park_quietly(STOP_PATIENCE_S)
         end = {
             "parked": "The jig is parked.",
-            "parking": "The jig is on its way to its park pose.",
+            "parking": (
+                "The jig was sent to its park pose and is not there yet: see that it gets there."
+            ),
+            "sent": (
+                "The jig was told to park, but its controller does not answer: see that it did "
+                "before you touch it."
+            ),
             "lost": NOT_PARKED,
         }[parked]
         at = None if step is None else step.index
@@ -407,7 +423,8 @@ class SessionEngine:
         watch = self._watch
         watch.event("fault", cause=str(fault), kind=type(fault).__name__)
         watch.tell(state="recovering")
-        lost = self._park_quietly(0.0) == "lost"
+        reset = isinstance(fault, JigFault) and fault.kind != "stuck"
+        lost = self._park_quietly(0.0, reset=reset) == "lost"
         watch.notice(
             f"{fault} {'The jig cannot be parked now.' if lost else 'The jig is parking.'} "
             f"Waiting up to {RECOVERY_S:.0f} s for all to be well."

@@ -131,6 +131,6 @@ def read_session(trial: Trial) -> SessionRecord:
             ),
             recoveries=sum(1 for e in trial.events if e.name == "recovered"),
         )
-    except (ValidationError, KeyError, LayoutError) as error:
+    except (ValidationError, KeyError, TypeError, AttributeError, LayoutError) as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         raise InputError(f"{trial.path}: the session in it makes no sense: {reason}.") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,9 +9,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from imu_rig.errors import InputError
+from imu_rig.files import parse_toml, read_small
 from imu_rig.validation import sentence
 
-MAX_PROTOCOL_BYTES = 256 * 1024
+MAX_PROTOCOL_BYTES = 64 * 1024
 DEFAULT_PROTOCOL = "full"
 
 AxisName = Literal["pan", "tilt", "roll"]
@@ -109,29 +109,20 @@ def load_protocol(name_or_path: str | Path) -> JigProtocol:
     InputError
         If there is no such protocol, or its file says something that cannot be done.
     """
-    path = Path(name_or_path)
     builtin = builtin_protocols()
     if str(name_or_path) in builtin:
-        return _parse(builtin[str(name_or_path)], f"protocol {name_or_path}")
-    try:
-        if path.stat().st_size > MAX_PROTOCOL_BYTES:
-            raise InputError(
-                f"{path} is too large for a jig protocol (over {MAX_PROTOCOL_BYTES // 1024} KiB)."
-            )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        known = ", ".join(builtin)
+        return _parse(builtin[str(name_or_path)].encode(), f"protocol {name_or_path}")
+    if not Path(name_or_path).is_file():
         raise InputError(
-            f"There is no jig protocol '{name_or_path}': give one of {known}, or the path of a "
-            "TOML file."
-        ) from error
-    return _parse(text, str(path))
+            f"There is no jig protocol '{name_or_path}': give one of {', '.join(builtin)}, or the "
+            "path of a TOML file."
+        )
+    data = read_small(name_or_path, MAX_PROTOCOL_BYTES, what="a jig protocol")
+    return _parse(data, str(name_or_path))
 
 
-def _parse(text: str, origin: str) -> JigProtocol:
+def _parse(data: bytes, origin: str) -> JigProtocol:
     try:
-        return JigProtocol.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{origin} is not valid TOML: {error}.") from error
+        return JigProtocol.model_validate(parse_toml(data, origin))
     except ValidationError as error:
         raise InputError(f"{origin}: {sentence(error, 'a jig protocol')}.") from error

@@ -17,7 +17,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.clock import NS_PER_S, Clock, Deadline
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.devices.jig import Jig
-from imu_rig.errors import DeviceError, DeviceLost, SessionInterrupted
+from imu_rig.errors import DeviceError, DeviceLost, SessionInterrupted, StorageError
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
 from imu_rig.session.progress import Progress, StopRequest
@@ -112,8 +112,7 @@ class Watch:
                     f"The servo controller is slow to answer ({answered_s:.1f} s); the session "
                     "takes longer.",
                 )
-        if self._trial.error is not None:
-            raise self._trial.error
+        self._check_file()
         self._clock.sleep(POLL_S)
 
     def look_for(self, seconds: float) -> None:
@@ -212,6 +211,15 @@ class Watch:
             raise DeviceLost(checks.silence(self._imu))
         self._clock.sleep(POLL_S)
         return new
+
+    def _check_file(self) -> None:
+        if self._trial.error is not None:
+            raise self._trial.error
+        if not self._trial.path.exists():
+            raise StorageError(
+                f"{self._trial.path} was deleted or moved away while the session wrote to it, so "
+                "what it measured is lost."
+            )
 
     def _check_imu(self) -> None:
         health = self._imu.health

@@ -449,3 +449,13 @@ def test_an_ill_posed_and_saturated_recording_is_said_to_be_so(imu_rig_data):
     assert result.accel_errors.held_out.rms < 5 * np.sqrt(
         np.mean([pose.left_out_sigma**2 for pose in result.poses])
     )
+
+
+def test_a_hold_with_missing_samples_is_set_aside_and_named():
+    _, recording = session(21, 20)
+    block = recording.block
+    begin = recording.holds[4][0]
+    gone = (block.t > begin + 0.6) & (block.t < begin + 1.0)
+    result = solve(block[~gone], recording.holds)
+    assert len(result.poses) == 19
+    assert any("pose 5 was set aside" in warning for warning in result.warnings)

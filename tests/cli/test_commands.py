@@ -1,6 +1,7 @@
 """The commands from outside: what they print, write and refuse."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from program import PROGRAM
 
 from imu_rig.calibration.certificate import apply_certificate, load_certificate
 from imu_rig.recording.reader import open_trial
@@ -247,3 +249,47 @@ def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
     assert json.loads(done.stdout)["calibrated"] == ["accel"]
     assert "raw" in done.stderr
     assert "of-another-sensor" in done.stderr
+
+
+def hostile_files(folder: Path) -> dict[str, Path]:
+    fifo, dots, deep = folder / "fifo", folder / "dots.toml", folder / "deep.toml"
+    os.mkfifo(fifo)
+    dots.write_text(".".join(["a"] * 30_000) + " = 1")
+    deep.write_text("a = " + "[" * 5000 + "]" * 5000)
+    return {"fifo": fifo, "zero": Path("/dev/zero"), "dots": dots, "deep": deep, "folder": folder}
+
+
+@pytest.mark.parametrize("kind", ["fifo", "zero", "dots", "deep", "folder"])
+@pytest.mark.parametrize("option", ["--protocol", "--jig", "--layout"])
+def test_hostile_files_are_refused_at_once(
+    imu_rig: Any, tmp_path: Path, option: str, kind: str
+) -> None:
+    path = hostile_files(tmp_path)[kind]
+    done = imu_rig("calibrate", "--dry-run", option, path, code=2)
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", ["fifo", "zero", "folder"])
+def test_hostile_recordings_and_certificates_are_refused_at_once(
+    imu_rig: Any, tmp_path: Path, kind: str
+) -> None:
+    path = hostile_files(tmp_path)[kind]
+    imu_rig("info", path, code=2)
+    imu_rig("export", path, "-o", tmp_path / "x.csv", code=2)
+    named = tmp_path / "link.json"
+    named.symlink_to(path)
+    imu_rig("info", named, code=2)
+
+
+def test_a_full_device_as_output_is_said_not_traced(finished: dict[str, Any]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [PROGRAM, "info", finished["files"]["trial"]],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 5
+    assert "Traceback" not in done.stderr
+    assert "cannot be written" in done.stderr

@@ -1,5 +1,6 @@
 """Sessions from outside: signals, kills, resuming, hardware served by another process."""
 
+import contextlib
 import json
 import os
 import signal
@@ -77,6 +78,37 @@ def test_a_signal_parks_closes_and_says_how_to_go_on(
     assert opened.ended == "interrupted"
     assert [e.name for e in opened.events].count("parked") >= 2
     assert not (folder / "certificate.json").exists()
+
+
+def test_a_terminal_that_takes_no_text_holds_up_nothing(
+    tmp_path: Path, protocol: Path, imu_rig: Any
+) -> None:
+    folder = tmp_path / "out"
+    reader, writer = os.pipe()
+    try:
+        os.set_blocking(writer, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(writer, bytes(65536))
+        os.set_blocking(writer, True)
+        process = subprocess.Popen(
+            [
+                *(PROGRAM, "calibrate", "--simulate", "--speed", "4", "--method", METHOD),
+                *("--protocol", protocol, "--output", folder),
+            ],
+            stdout=subprocess.DEVNULL,
+            stderr=writer,
+        )
+        wait_for_poses(folder / "session.imu-trial", 5)
+        deadline = time.monotonic() + 20
+        while open_trial(folder / "session.imu-trial").ended is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+    finally:
+        os.close(reader)
+        os.close(writer)
+        process.wait(timeout=30)
+    assert open_trial(folder / "session.imu-trial").ended == "complete"
 
 
 def test_a_killed_session_is_readable_and_goes_on(
