@@ -50,7 +50,7 @@ def parse_toml(data: bytes, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source} is not a valid TOML file ({error}).") from error
+        raise InputError(f"{source}: not a TOML file ({error}).") from error
 
 
 def write_whole(path: Path | str, data: bytes, *, what: str, overwrite: bool = False) -> None:

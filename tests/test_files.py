@@ -8,11 +8,16 @@ from imu_rig.errors import InputError, StorageError
 from imu_rig.files import parse_toml, read_small, whole_file, write_whole
 
 
-def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    target = tmp_path / "table.csv"
-    with pytest.raises(KeyboardInterrupt), whole_file(target, what="a table") as file:
+def write_half(target: Path) -> None:
+    with whole_file(target, what="a table") as file:
         file.write(b"half")
         raise KeyboardInterrupt
+
+
+def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
+    target = tmp_path / "table.csv"
+    with pytest.raises(KeyboardInterrupt):
+        write_half(target)
     assert list(tmp_path.iterdir()) == []
     write_whole(target, b"whole", what="a table")
     assert target.read_bytes() == b"whole"

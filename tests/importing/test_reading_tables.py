@@ -248,7 +248,7 @@ def test_a_map_in_a_file(tmp_path):
         ("nonsense = 1", "nonsense"),
         ("rate_hz = -5", "rate_hz"),
         ("rate_hz = inf", "rate_hz"),
-        ("= 3", "no TOML"),
+        ("= 3", "not a TOML file"),
         ("skip_rows = 1.5", "skip_rows"),
         ('decimal = "x"', "decimal"),
     ],

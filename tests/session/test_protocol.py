@@ -46,7 +46,7 @@ def test_a_rotation_is_held_shorter_than_a_pose() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("name = ", "not a valid TOML"),
+        ("name = ", "not a TOML file"),
         ('name = "x"', "steps"),
         ('name = "x"\nsteps = []', "steps"),
         ('name = "x"\nsteps = [{ pan = "left" }]', "steps.1.pan"),
