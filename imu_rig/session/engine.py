@@ -221,7 +221,7 @@ class SessionEngine:
     def _travel(self, stage: Stage, *, last: bool) -> dict[str, object]:
         """Drive one stage and return what the trial file keeps of it."""
         watch = self._watch
-        watch.tell(state="moving")
+        watch.tell(state="moving", motion=float("inf"), held_s=0.0)
         begin = watch.now_s
         position = stage.start
         for waypoint in stage.waypoints:
