@@ -62,8 +62,11 @@ def _wrapped(sentence: str) -> str:
 def run() -> None:
     """Run the program; every foreseen error is one sentence on stderr and an exit code."""
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by whoever started us
+        stream = getattr(sys, name)
+        if stream is None:  # closed by whoever started us
             setattr(sys, name, io.StringIO())
+        elif isinstance(stream, io.TextIOWrapper):  # names in files may hold anything
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
         sys.stdout.flush()

@@ -204,12 +204,9 @@ def decode_json(payload: bytes) -> Any:
         If it is not UTF-8, not JSON, holds NaN or an infinity, or is nested without reason.
     """
     try:
-        value = json.loads(payload.decode(), parse_constant=_refuse_constant)
-        if b"\\ud" in payload.lower():  # an escaped surrogate may stand alone
-            json.dumps(value, ensure_ascii=False).encode()
+        return json.loads(payload.decode(), parse_constant=_refuse_constant)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
-    return value
 
 
 def _plain(value: object) -> Any:

@@ -46,7 +46,7 @@ def open_trial(path: Path | str) -> Trial:
     path = Path(path)
     try:
         if not path.is_file():
-            raise InputError(f"{path} is no file that a trial could be read from.")
+            raise InputError(f"{path} cannot be read (there is no such file).")
         with path.open("rb") as file:
             start = file.read(HEADER_SIZE)
     except OSError as error:

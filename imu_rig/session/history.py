@@ -123,8 +123,8 @@ def read_session(trial: Trial) -> SessionRecord:
             protocol=JigProtocol.model_validate(trial.config["protocol"]),
             jig=JigConfig.model_validate(trial.config["jig"]),
             layout=layout,
-            device=str(trial.config.get("device", ""))[:80],
-            serial=str(trial.config.get("serial", ""))[:80],
+            device=_text(trial.config.get("device", "")),
+            serial=_text(trial.config.get("serial", "")),
             visits=tuple(sorted(visits.values(), key=lambda visit: visit.still_s)),
             notices=tuple(
                 str(e.fields.get("text", ""))[:500] for e in trial.events if e.name == "notice"
@@ -134,3 +134,8 @@ def read_session(trial: Trial) -> SessionRecord:
     except (ValidationError, KeyError, TypeError, AttributeError, LayoutError) as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         raise InputError(f"{trial.path}: the session in it makes no sense: {reason}.") from error
+
+
+def _text(value: object) -> str:
+    """Return a short text that can be written anywhere, whatever a file holds in its place."""
+    return str(value)[:80].encode("utf-8", "replace").decode()

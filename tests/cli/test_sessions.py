@@ -36,7 +36,7 @@ def protocol(tmp_path: Path) -> Path:
 def start_session(folder: Path, protocol: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [
-            *(PROGRAM, "calibrate", "--simulate", "--method", METHOD),
+            *(PROGRAM, "calibrate", "--simulate", "--speed", "3", "--method", METHOD),
             *("--protocol", protocol, "--output", folder),
         ],
         env={**os.environ, "TMPDIR": str(protocol.parent)},  # a killed one cannot clean up
