@@ -224,8 +224,10 @@ def _linearize(
     stretch = angle / np.maximum(sine, 1e-12)
     vector = across * np.where(sine > 1e-9, stretch, 1.0)[:, None]
     residual = np.einsum("nij,nj->ni", where.basis, vector)
+    # One shift of the bias is common to the begin and the end of every move.
+    common = np.concatenate((slope[:, :, :9], slope[:, :, 9:12] + slope[:, :, 12:]), axis=2)
     # A small turn d of the end leaves the body's view of gravity behind by d, across gravity.
-    return q, residual, -(where.basis @ slope)
+    return q, residual, -(where.basis @ common)
 
 
 def _gauss_newton(

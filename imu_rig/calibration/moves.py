@@ -21,6 +21,8 @@ LONGEST_S = 60.0
 END_S = 3.0
 """Part of a still next to a move whose gravity counts for it. A hand or a table trembles by a
 tenth of a degree, which the gyroscope follows over this time without its bias mattering."""
+SLOPES = 15
+"""Parameters that a turn depends on: K row by row, bias at its begin, bias at its end."""
 BATCH = 100_000
 """Samples integrated at once, which bounds the memory."""
 
@@ -196,9 +198,9 @@ def integrate_with_slopes(
     -------
     q : shape (n, 4)
         Rotations.
-    J : shape (n, 3, 12)
-        Derivative of the rotation vector of ``conj(q0) * q`` with respect to K row by row and
-        to a bias shift common to all moves.
+    J : shape (n, 3, 15)
+        Derivative of the rotation vector of ``conj(q0) * q`` with respect to K row by row, to the
+        bias at the begin and to the bias at the end of the move.
     """
     return _integrate(moves, K, bias, slopes=True)
 
@@ -207,7 +209,7 @@ def _integrate(
     moves: Moves, K: FloatArray, bias: FloatArray, *, slopes: bool
 ) -> tuple[FloatArray, FloatArray]:
     q = np.empty((len(moves), 4))
-    J = np.empty((len(moves), 3, 12))
+    J = np.empty((len(moves), 3, SLOPES))
     ends = np.cumsum(moves.length)
     i = 0
     while i < len(moves):
@@ -220,20 +222,24 @@ def _integrate(
         turn = (moves.rate[rows] - low - share * (high - low)) * moves.dt[rows, None]
         theta = turn @ K.T
         steps = rotation.from_rotation_vector(theta)
-        slope = _step_slopes(theta, turn, moves.dt[rows], K) if slopes else None
+        slope = _step_slopes(theta, turn, moves.dt[rows], share[:, 0], K) if slopes else None
         q[i:j], J[i:j] = _tree(steps, slope, moves.length[i:j])
         i = j
     return rotation.normalize(q), J
 
 
-def _step_slopes(theta: FloatArray, turn: FloatArray, dt: FloatArray, K: FloatArray) -> FloatArray:
-    """Differentiate each small rotation (right perturbation): (s, 3, 12)."""
+def _step_slopes(
+    theta: FloatArray, turn: FloatArray, dt: FloatArray, share: FloatArray, K: FloatArray
+) -> FloatArray:
+    """Differentiate each small rotation (right perturbation): (s, 3, 15)."""
     X = rotation.skew(theta)
     # The right Jacobian of a rotation to second order: a sample turns by a few hundredths.
     right = np.eye(3) - 0.5 * X + X @ X / 6.0
-    slope = np.empty((len(theta), 3, 12))
+    slope = np.empty((len(theta), 3, SLOPES))
     slope[:, :, :9] = (right[:, :, :, None] * turn[:, None, None, :]).reshape(-1, 3, 9)
-    slope[:, :, 9:] = -(right @ K) * dt[:, None, None]
+    late = (right @ K) * (share * dt)[:, None, None]
+    slope[:, :, 9:12] = late - (right @ K) * dt[:, None, None]
+    slope[:, :, 12:] = -late
     return slope
 
 

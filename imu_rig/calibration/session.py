@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -62,11 +63,20 @@ class CommandedPoses:
     turns : tuple of CommandedTurn
         The parts that the moves were driven in; where empty, a move from one pose to the next
         counts as one turn.
+    mounting : tuple of int
+        Which mounting of the sensor on the plate, from 0; all 0 where empty.
+    mounting_turns : tuple of rotation vectors
+        Nominal rotation of the sensor on the plate in each mounting [rad]; none where empty.
+    check : tuple of bool
+        Poses kept out of the fit, to verify it; none where empty.
     """
 
     angles_deg: FloatArray
     names: tuple[str, ...] = ()
     turns: tuple[CommandedTurn, ...] = ()
+    mounting: tuple[int, ...] = ()
+    mounting_turns: tuple[tuple[float, float, float], ...] = ()
+    check: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         angles = np.asarray(self.angles_deg, dtype=float)
@@ -74,13 +84,48 @@ class CommandedPoses:
             raise InputError("commanded angles must be three numbers (pan, tilt, roll) per pose")
         if self.names and len(self.names) != len(angles):
             raise InputError(f"{len(self.names)} pose names stand for {len(angles)} poses")
+        for per_pose in (self.mounting, self.check):
+            if per_pose and len(per_pose) != len(angles):
+                raise InputError("mounting and check need one entry per commanded pose")
+        if self.mounting and max(self.mounting) >= max(1, len(self.mounting_turns)):
+            raise InputError("every mounting needs its nominal rotation")
         object.__setattr__(self, "angles_deg", angles)
+
+    def only(self, keep: BoolArray) -> CommandedPoses:
+        """Return the poses that ``keep`` (m,) marks, with all turns."""
+
+        def kept(values: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(v for v, k in zip(values, keep, strict=True) if k) if values else ()
+
+        return replace(
+            self,
+            angles_deg=self.angles_deg[keep],
+            names=kept(self.names),
+            mounting=kept(self.mounting),
+            check=kept(self.check),
+        )
+
+    @property
+    def mountings(self) -> IntArray:
+        """Mounting of every pose, shape (m,)."""
+        if not self.mounting:
+            return np.zeros(len(self.angles_deg), dtype=np.int64)
+        return np.array(self.mounting, dtype=np.int64)
+
+    def mounting_matrices(self) -> FloatArray:
+        """Nominal rotation of the sensor on the plate in each mounting, shape (k, 3, 3)."""
+        vectors = np.array(self.mounting_turns or ((0.0, 0.0, 0.0),))
+        return rotation.to_matrix(rotation.from_rotation_vector(vectors))
+
+    def attitudes(self) -> FloatArray:
+        """Attitudes body to navigation (m, 3, 3) of an ideal jig."""
+        pan, tilt, roll = self.angles_deg.T * DEG
+        A = rotation.about_z(pan) @ rotation.about_y(tilt) @ rotation.about_x(roll)
+        return np.asarray(A @ self.mounting_matrices()[self.mountings])
 
     def gravity(self, magnitude: float) -> FloatArray:
         """Gravity reaction in sensor axes (m, 3) of an ideal jig [m/s^2]."""
-        pan, tilt, roll = self.angles_deg.T * DEG
-        A = rotation.about_z(pan) @ rotation.about_y(tilt) @ rotation.about_x(roll)
-        return np.asarray(A[:, 2, :] * magnitude)
+        return np.asarray(self.attitudes()[:, 2, :] * magnitude)
 
     def driven(self, t0: FloatArray, t1: FloatArray, order: IntArray) -> tuple[CommandedTurn, ...]:
         """Return the driven turns, or else one from each pose to the next.

@@ -223,10 +223,7 @@ def _plausible_rest(stills: Stills, gravity: Gravity) -> None:
 
 
 def _commanded_of(commanded: CommandedPoses | None, usable: BoolArray) -> CommandedPoses | None:
-    if commanded is None:
-        return None
-    names = tuple(n for n, keep in zip(commanded.names, usable, strict=False) if keep)
-    return CommandedPoses(commanded.angles_deg[usable], names, commanded.turns)
+    return None if commanded is None else commanded.only(usable)
 
 
 def _result(
