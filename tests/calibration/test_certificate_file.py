@@ -1,8 +1,10 @@
 """The certificate on disk: written whole, read back, refused with one sentence."""
 
+import dataclasses
 import json
 import os
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +18,10 @@ from imu_rig.calibration.certificate import (
     certificate_of,
     load_certificate,
 )
+from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import DeviceInfo
 from imu_rig.calibration.solve import solve
-from imu_rig.errors import InputError, StorageError
+from imu_rig.errors import DataError, InputError, StorageError
 
 SHA = "ab" * 32
 
@@ -51,7 +54,7 @@ def test_the_file_says_what_a_reader_needs(certificate, tmp_path):
     certificate.save(tmp_path / "c.json")
     content = json.loads((tmp_path / "c.json").read_text())
     assert content["schema"] == "imu-rig/certificate"
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["date"] == "2026-01-02T03:04:05Z"
     assert content["device"]["accel_raw_unit"] == "m/s^2"
     assert content["device"]["serial"] == "007"
@@ -71,6 +74,25 @@ def test_applying_calibrates_both_sensors_and_leaves_the_rest(certificate, resul
     assert calibrated.t is block.t
     without = certificate.model_copy(update={"gyro": None})
     assert apply_certificate(without, block).gyro is block.gyro
+
+
+def test_a_file_of_version_1_is_read_and_becomes_the_present_one(tmp_path):
+    """The file was written by the program when version 1 was its newest."""
+    certificate = load_certificate(Path(__file__).parents[1] / "data" / "certificate-v1.json")
+    assert certificate.version == 2
+    assert certificate.device.serial == "007"
+    assert certificate.accel.K[0][0] == pytest.approx(1.035764729485978, abs=0)
+    assert certificate.gyro.affine().covariance.shape == (12, 12)
+    assert len(certificate.poses) == 18
+    certificate.save(tmp_path / "c.json")
+    assert json.loads((tmp_path / "c.json").read_text())["version"] == 2
+    assert load_certificate(tmp_path / "c.json") == certificate
+
+
+def test_a_result_that_no_sensor_has_gets_no_certificate(result):
+    mirrored = Affine(-result.accel.K, result.accel.b, result.accel.covariance)
+    with pytest.raises(DataError, match="K: it mirrors.*wrong sign"):
+        certificate_of(dataclasses.replace(result, accel=mirrored))
 
 
 def test_an_existing_file_is_kept_unless_asked(certificate, tmp_path):
@@ -135,20 +157,42 @@ def without(*keys):
 ZERO = [[0.0, 0.0, 0.0]] * 3
 
 
+def diagonal(x, y, z):
+    return [[x, 0, 0], [0, y, 0], [0, 0, z]]
+
+
+def over_correlated(content):
+    """Correlate two offsets twice as much as two equal numbers are."""
+    covariance = content["gyro"]["covariance"]
+    both = 2 * max(covariance[9][9], covariance[10][10])
+    covariance[9][10] = covariance[10][9] = both
+
+
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
         (put("schema", value="other"), "schema"),
-        (put("version", value=2), "version 2.*upgrade"),
+        (put("version", value=3), "version 3.*upgrade"),
+        (put("version", value=10**400), "version 1000.*upgrade"),
+        (put("version", value=0), "version"),
         (put("version", value="new"), "version"),
-        (without("accel"), "accel.*required"),
-        (without("accel", "b"), r"accel\.b.*required"),
-        (put("accel", "K", 0, 0, value=float("nan")), r"accel\.K\.0\.0.*finite"),
-        (put("gyro", "b", 1, value=float("inf")), r"gyro\.b\.1.*finite"),
-        (put("accel", "K", value=ZERO), "singular"),
-        (put("gyro", "K", value=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), "singular"),
+        (without("accel"), "accel is missing"),
+        (without("accel", "b"), r"accel\.b is missing"),
+        (put("accel", "K", 0, 0, value=float("nan")), r"accel\.K\.1\.1.*finite"),
+        (put("gyro", "b", 1, value=float("inf")), r"gyro\.b\.2.*finite"),
+        (put("accel", "K", value=ZERO), r"accel\.K.*between 0\.2 and 5"),
+        (put("gyro", "K", value=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), "between"),
+        (put("gyro", "K", value=diagonal(1, 1, 5.5)), "between"),
+        (put("accel", "K", value=diagonal(1, 0.19, 1)), "between"),
+        (put("accel", "K", value=diagonal(1e308, 1e308, 1)), "between"),
+        (put("accel", "K", value=diagonal(1, 1, -1)), "wrong sign"),
+        (put("accel", "b", 2, value=-25.0), r"accel: .*25.*m/s\^2"),
+        (put("gyro", "b", 0, value=180.0), "gyro: .*180.*rad/s"),
         (put("accel", "covariance", 3, 4, value=7.0), "not symmetric"),
-        (put("accel", "covariance", 0, 0, value=-1.0), "negative"),
+        (put("accel", "covariance", 3, 4, value=1e308), "not symmetric"),
+        (put("accel", "covariance", 0, 0, value=-1.0), "negative variance"),
+        (over_correlated, "negative in some direction"),
+        (put("accel", "b_standard_uncertainty", 0, value=0.5), "not those of its covariance"),
         (put("accel", "covariance", value=[[0.0] * 12] * 11), r"covariance"),
         (put("surprise", value=1), "surprise"),
         (put("recording", "sha256", value="../../etc"), "sha256"),

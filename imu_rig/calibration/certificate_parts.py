@@ -1,0 +1,258 @@
+"""The parts of a certificate: one frozen model each, all units SI.
+
+A part that a later version adds is optional in `Certificate`, with None for "not measured", so
+that every older file stays readable.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.model import Affine
+from imu_rig.calibration.result import (
+    DeviceInfo,
+    ErrorStages,
+    ErrorSummary,
+    MoveRow,
+    PoseRow,
+)
+
+GAIN_LIMITS = (0.2, 5.0)
+"""Gains of a nominally scaled sensor lie inside; anything else is a wrong unit or a wrong file."""
+ACCEL_BIAS_LIMIT = 20.0
+"""No accelerometer that is nominally scaled reads more than this at zero input [m/s^2]."""
+GYRO_BIAS_LIMIT = 2.0
+"""No gyroscope that is nominally scaled reads more than this at rest [rad/s]."""
+NEGATIVE_CORRELATION = -1e-6
+"""Smallest eigenvalue of a correlation matrix that rounding explains."""
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+CovarianceRow = Annotated[tuple[float, ...], Field(min_length=12, max_length=12)]
+
+
+class Part(BaseModel):
+    """What every part has in common: frozen, finite, no unknown fields."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DeviceEntry(Part):
+    """Which sensor the certificate belongs to, and how its raw values were scaled."""
+
+    name: str = ""
+    serial: str = ""
+    layout: str = ""
+    accel_raw_unit: Literal["m/s^2"] = "m/s^2"
+    gyro_raw_unit: Literal["rad/s"] = "rad/s"
+
+    @staticmethod
+    def of(device: DeviceInfo) -> DeviceEntry:
+        """Take over what is known of the sensor."""
+        return DeviceEntry(
+            name=storable(device.name), serial=storable(device.serial), layout=device.layout
+        )
+
+
+class GravityEntry(Part):
+    """Gravity the accelerometer is scaled to [m/s^2] and where the figure comes from."""
+
+    value: float = Field(gt=9.0, lt=11.0)
+    source: str
+    known: bool
+
+    @staticmethod
+    def of(gravity: Gravity) -> GravityEntry:
+        """Take over the gravity of a result."""
+        return GravityEntry(value=gravity.value, source=gravity.source, known=gravity.known)
+
+    def gravity(self) -> Gravity:
+        """Return the value of the calibration room, with its sentence."""
+        return Gravity(self.value, self.source, self.known)
+
+
+class AffineEntry(Part):
+    """One sensor: ``calibrated = K @ raw - b``."""
+
+    K: Matrix
+    b: Vector
+    covariance: Annotated[tuple[CovarianceRow, ...], Field(min_length=12, max_length=12)]
+    K_standard_uncertainty: Matrix
+    b_standard_uncertainty: Vector
+    degrees_of_freedom: float | None = Field(default=None, gt=0)
+
+    @field_validator("K")
+    @classmethod
+    def _possible_gain(cls, K: Matrix) -> Matrix:
+        low, high = GAIN_LIMITS
+        matrix = np.array(K)
+        if np.max(np.abs(matrix)) < high:  # beyond it the singular values may overflow
+            gains = np.linalg.svd(matrix, compute_uv=False)
+            if low < np.min(gains) and np.max(gains) < high:
+                if np.linalg.det(matrix) < 0:
+                    raise ValueError("it mirrors its input, so an axis has the wrong sign")
+                return K
+        raise ValueError(f"no scaled sensor has such gains; they lie between {low:g} and {high:g}")
+
+    @model_validator(mode="after")
+    def _one_covariance(self) -> AffineEntry:
+        covariance = np.array(self.covariance)
+        with np.errstate(over="ignore"):
+            asymmetry = np.max(np.abs(covariance - covariance.T))
+        if asymmetry > 1e-6 * np.max(np.abs(covariance)):
+            raise ValueError("its covariance is not symmetric")
+        variance = np.diag(covariance)
+        if np.min(variance) < 0:
+            raise ValueError("its covariance has a negative variance")
+        sigma = np.sqrt(variance)
+        scale = np.where(sigma > 0, sigma, 1.0)
+        correlation = covariance / np.outer(scale, scale)
+        if np.min(np.linalg.eigvalsh(correlation)) < NEGATIVE_CORRELATION * len(variance):
+            raise ValueError("its covariance is negative in some direction")
+        stated = np.concatenate(
+            (np.ravel(self.K_standard_uncertainty), self.b_standard_uncertainty)
+        )
+        if not np.allclose(stated, sigma, rtol=1e-6, atol=1e-15):
+            raise ValueError("its standard uncertainties are not those of its covariance")
+        return self
+
+    def require_bias_below(self, limit: float, unit: str) -> None:
+        """Refuse an offset that no sensor of its kind has.
+
+        Raises
+        ------
+        ValueError
+            Naming the offset and the limit.
+        """
+        largest = float(np.max(np.abs(self.b)))
+        if largest > limit:
+            raise ValueError(
+                f"its offset b of {largest:.3g} {unit} is beyond what a sensor has ({limit:g})"
+            )
+
+    @staticmethod
+    def of(affine: Affine) -> AffineEntry:
+        """Take over a model of the calibration room."""
+        return AffineEntry(
+            K=affine.K.tolist(),
+            b=affine.b.tolist(),
+            covariance=affine.covariance.tolist(),
+            K_standard_uncertainty=affine.K_uncertainty.tolist(),
+            b_standard_uncertainty=affine.b_uncertainty.tolist(),
+            degrees_of_freedom=affine.dof if np.isfinite(affine.dof) else None,
+        )
+
+    def affine(self) -> Affine:
+        """Return the model of the calibration room."""
+        dof = float("inf") if self.degrees_of_freedom is None else self.degrees_of_freedom
+        return Affine(np.array(self.K), np.array(self.b), np.array(self.covariance), dof)
+
+
+class SummaryEntry(Part):
+    """Size of a set of errors, SI."""
+
+    count: int = Field(ge=1)
+    rms: float = Field(ge=0)
+    median: float = Field(ge=0)
+    maximum: float = Field(ge=0)
+
+    @staticmethod
+    def of(summary: ErrorSummary | None) -> SummaryEntry | None:
+        """Take over a summary, if there is one."""
+        if summary is None:
+            return None
+        return SummaryEntry(
+            count=summary.count,
+            rms=summary.rms,
+            median=summary.median,
+            maximum=summary.maximum,
+        )
+
+
+class StagesEntry(Part):
+    """Errors before, after, and on data kept out of the fit, SI."""
+
+    before: SummaryEntry | None = None
+    after: SummaryEntry | None = None
+    held_out: SummaryEntry | None = None
+
+    @staticmethod
+    def of(errors: ErrorStages) -> StagesEntry:
+        """Take over the stages of a result."""
+        return StagesEntry(
+            before=SummaryEntry.of(errors.before),
+            after=SummaryEntry.of(errors.after),
+            held_out=SummaryEntry.of(errors.held_out),
+        )
+
+
+class PoseEntry(Part):
+    """One still pose; errors of the gravity magnitude [m/s^2]."""
+
+    name: str
+    commanded_deg: Vector | None = None
+    direction: Vector
+    before: float
+    after: float
+    sigma: float
+    left_out: float | None = None
+    left_out_sigma: float | None = None
+
+    @staticmethod
+    def of(pose: PoseRow) -> PoseEntry:
+        """Take over a pose of a result."""
+        return PoseEntry(
+            name=pose.name,
+            commanded_deg=pose.commanded_deg,
+            direction=pose.direction.tolist(),
+            before=pose.before,
+            after=pose.after,
+            sigma=pose.sigma,
+            left_out=pose.left_out,
+            left_out_sigma=pose.left_out_sigma,
+        )
+
+
+class MoveEntry(Part):
+    """One move; angle turned and gravity-direction errors [rad]."""
+
+    start: str
+    stop: str
+    angle: float
+    before: float
+    after: float
+    held_out: float | None = None
+
+    @staticmethod
+    def of(move: MoveRow) -> MoveEntry:
+        """Take over a move of a result."""
+        return MoveEntry(
+            start=move.start,
+            stop=move.stop,
+            angle=move.angle_rad,
+            before=move.before_rad,
+            after=move.after_rad,
+            held_out=move.held_out_rad,
+        )
+
+
+class RecordingEntry(Part):
+    """The recording that the calibration was solved from."""
+
+    file: str
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+    @staticmethod
+    def of(file: str, sha256: str) -> RecordingEntry:
+        """Name a recording; its folder is nobody else's business."""
+        return RecordingEntry(file=storable(Path(file).name), sha256=sha256)
+
+
+def storable(text: str) -> str:
+    """Replace what UTF-8 cannot hold, as in file names of another encoding."""
+    return text.encode("utf-8", "replace").decode()
