@@ -183,7 +183,7 @@ def physical_figures(affine: Affine, accel: Affine | None = None) -> PhysicalFig
         return np.concatenate((100.0 * (gain - 1.0), [directions[c] for c in cross], S @ b))
 
     values = figures(parameters)
-    J = _differences(figures, parameters)
+    J = differences(figures, parameters)
     sigma = np.sqrt(np.clip(np.diag(J @ covariance @ J.T), 0.0, None))
     end = 3 + len(cross)
     return PhysicalFigures(
@@ -201,7 +201,8 @@ def _vector(affine: Affine) -> FloatArray:
     return np.concatenate((affine.K.ravel(), affine.b))
 
 
-def _differences(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
+def differences(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
+    """Return the Jacobian (m, n) of a smooth function (n,) -> (m,), by central differences."""
     columns = []
     for i, value in enumerate(at):
         step = np.zeros_like(at)
