@@ -24,11 +24,14 @@ class Gravity:
         ``"standard"`` (assumed), ``"given"`` or the latitude and height it was computed from.
     known : bool
         Whether the figure is local; if not, scales are relative to standard gravity.
+    latitude_deg : float or None
+        Latitude, where it was given: it tells how the Earth's rotation points.
     """
 
     value: float = STANDARD_GRAVITY
     source: str = "standard"
     known: bool = False
+    latitude_deg: float | None = None
 
     @staticmethod
     def given(value: float) -> Gravity:
@@ -44,7 +47,8 @@ class Gravity:
     def at(latitude_deg: float, height_m: float = 0.0) -> Gravity:
         """Take normal gravity at a place; see `normal_gravity`."""
         value = normal_gravity(latitude_deg, height_m)
-        return Gravity(value, f"WGS-84 at {latitude_deg:g} deg, {height_m:g} m", known=True)
+        source = f"WGS-84 at {latitude_deg:g} deg, {height_m:g} m"
+        return Gravity(value, source, known=True, latitude_deg=latitude_deg)
 
     @property
     def statement(self) -> str:
