@@ -110,6 +110,7 @@ def joint_data(session: Session, commanded: CommandedPoses, moves: Moves) -> Joi
     mounting = commanded.mountings
     moves = moves.only(mounting[moves.first] == mounting[moves.last])
     duration = stills.t1 - stills.t0
+    up = stills.accel_mean / np.linalg.norm(stills.accel_mean, axis=1, keepdims=True)
     mean, sigma = earth_prior(session.gravity.latitude_deg)
     return JointData(
         angles=commanded.angles_deg * DEG,
@@ -117,7 +118,7 @@ def joint_data(session: Session, commanded: CommandedPoses, moves: Moves) -> Joi
         mountings=commanded.mounting_matrices(),
         t=0.5 * (stills.t0 + stills.t1),
         accel=stills.accel_mean,
-        accel_sigma=np.sqrt(np.mean(stills.accel_sem**2, axis=1)),
+        accel_sigma=np.sqrt(np.einsum("mi,mij,mj->m", up, stills.accel_cov, up)),
         gyro=stills.gyro_mean,
         gyro_sigma=stills.gyro_sem,
         moves=moves,

@@ -149,7 +149,8 @@ def default_prior(data: JointData, *, servo: float = SERVO) -> Prior:
 def start(data: JointData) -> JointState:
     """Begin with gravity's magnitude, the mounting that fits the labels, a nominal gyroscope."""
     common = nominal(data)
-    fit = fit_magnitude(data.accel, np.repeat(data.accel_sigma[:, None], 3, axis=1), data.gravity)
+    covariance = data.accel_sigma[:, None, None] ** 2 * np.eye(3)
+    fit = fit_magnitude(data.accel, covariance, data.gravity)
     common[ACCEL_GAIN], common[ACCEL_OFFSET] = fit.affine.K[UPPER], fit.affine.b
     mounting = np.repeat(np.eye(3)[None], len(data.mountings), axis=0)
     state = JointState(

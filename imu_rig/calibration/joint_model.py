@@ -185,7 +185,8 @@ def attitudes(data: JointData, state: JointState) -> Attitudes:
     back = np.swapaxes(A, 1, 2)
 
     def seen(axis: FloatArray) -> FloatArray:
-        return np.einsum("mij,mj->mi", back, np.broadcast_to(axis, (len(data), 3)))
+        axes = np.broadcast_to(axis, (len(data), 3))
+        return np.asarray(np.einsum("mij,mj->mi", back, axes))
 
     return Attitudes(
         A=A,
@@ -419,7 +420,7 @@ def _add_attitude(
     rows = np.arange(len(pose))
 
     def turned(axis: FloatArray) -> FloatArray:
-        return np.einsum("nij,nj->ni", lever, axis[pose])
+        return np.asarray(np.einsum("nij,nj->ni", lever, axis[pose]))
 
     servos = (turned(where.pan), turned(where.tilt), turned(where.roll))
     for axis, column in enumerate(servos):
