@@ -194,6 +194,7 @@ def _last_of(readings: Readings) -> Readings:
         readings.mag[-1:],
         readings.temperature[-1:],
         readings.saturated[-1:],
+        readings.offsets[-1:],
     )
 
 
@@ -204,4 +205,5 @@ def _repeated(readings: Readings, number: int) -> Readings:
         np.repeat(readings.mag, number, axis=0),
         np.repeat(readings.temperature, number),
         np.repeat(readings.saturated, number),
+        np.repeat(readings.offsets, number, axis=0),
     )

@@ -50,6 +50,8 @@ class Readings:
         degC.
     saturated : shape (n,)
         Whether an accelerometer or gyroscope axis is at the end of its range.
+    offsets : shape (n, 6)
+        True offsets of accelerometer [m/s^2] and gyroscope [rad/s], with walk and warm-up.
     """
 
     accel: FloatArray
@@ -57,6 +59,7 @@ class Readings:
     mag: FloatArray
     temperature: FloatArray
     saturated: BoolArray
+    offsets: FloatArray
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -159,7 +162,7 @@ class Mpu9150:
 
         if not model.quantized:
             inside = np.zeros(len(means), dtype=np.bool_)
-            return Readings(accel * factor, gyro * factor, mag, temperature, inside)
+            return Readings(accel * factor, gyro * factor, mag, temperature, inside, offsets)
         accel_counts = _counts(accel * factor, ACCEL_COUNT, LEAST, GREATEST)
         gyro_counts = _counts(gyro * factor, GYRO_COUNT, LEAST, GREATEST)
         both = np.hstack((accel_counts, gyro_counts))
@@ -169,6 +172,7 @@ class Mpu9150:
             mag=MAG_COUNT * to_ak8975(_counts(to_ak8975(mag), MAG_COUNT, MAG_LEAST, MAG_GREATEST)),
             temperature=temperature,
             saturated=np.any((both <= LEAST) | (both >= GREATEST), axis=1),
+            offsets=offsets,
         )
 
     def _remember(self, t: FloatArray, offsets: FloatArray) -> None:

@@ -75,7 +75,21 @@ class Sampler:
         instants : shape (n,)
             Ends of intervals, increasing, in world time [s]; none is later than the last step.
         """
-        integral = self._integrate()
+        table = np.array(self.steps).reshape(-1, JOINTS, 3)
+        self.steps.clear()
+        return self.means_of(table, instants)
+
+    def means_of(self, table: FloatArray, instants: FloatArray) -> Means:
+        """Average steps that come as a table instead of one by one.
+
+        Parameters
+        ----------
+        table : shape (m, 6, 3)
+            Angle, rate and acceleration of every joint in the middle of the next m steps.
+        instants : shape (n,)
+            As for :meth:`means`.
+        """
+        integral = self._integrate(table)
         ends = self._from_s + STEP_S * np.arange(len(integral))
         at = _interpolate(instants, self._from_s, integral)
         before = np.vstack((np.zeros((1, 9)), at[:-1])) if len(at) else at
@@ -89,10 +103,8 @@ class Sampler:
         self._from_s = float(ends[-1])
         return Means(instants, duration, mean[:, :3], mean[:, 3:6], mean[:, 6:])
 
-    def _integrate(self) -> FloatArray:
+    def _integrate(self, table: FloatArray) -> FloatArray:
         """Return the integral since the last instant at the ends of the steps, shape (m + 1, 9)."""
-        table = np.array(self.steps).reshape(-1, JOINTS, 3)
-        self.steps.clear()
         integral = np.empty((len(table) + 1, 9))
         integral[0] = self._partial
         if len(table):

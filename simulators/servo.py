@@ -124,6 +124,19 @@ class Servo:
         return self._angle
 
     @property
+    def target(self) -> float:
+        """Angle at which the axis will come to rest [rad]."""
+        return self._drive.target
+
+    def pulse_us(self, angle_deg: float) -> float:
+        """Return the pulse that commands an angle, in the quarter microseconds of a Maestro."""
+        model = self.model
+        return (
+            round(4.0 * (model.pulse_us[0] + (angle_deg - model.angle_deg[0]) / self._deg_per_us))
+            / 4.0
+        )
+
+    @property
     def resting(self) -> bool:
         """Whether nothing of it moves."""
         return self._drive.resting

@@ -17,7 +17,7 @@ import numpy as np
 
 from firmware_protocols.layout import load_layout
 from imu_rig.arrays import FloatArray
-from imu_rig.units import DEG, MILLI_G
+from imu_rig.units import DEG
 from simulators.config import RigConfig
 from simulators.faults import (
     IMU_BROWNOUT_S,
@@ -29,7 +29,8 @@ from simulators.faults import (
 from simulators.imu_firmware import ImuFirmware
 from simulators.jig import Jig
 from simulators.maestro_board import MaestroBoard
-from simulators.mpu9150 import Mpu9150, Vibration
+from simulators.mpu9150 import Mpu9150
+from simulators.pose_errors import draw_pose_errors
 from simulators.sampling import Sampler
 from simulators.servo import NEW_STOP_AFTER_S, STEP_S, Follower, Servo
 
@@ -237,18 +238,12 @@ class World:
             self._last_move_s = now_s
 
     def _new_pose(self, now_s: float) -> None:
-        """Draw what differs from pose to pose: wobble and vibration."""
+        """Let the plate wobble to where it stands in this pose, and buzz as it does there."""
         self.imu.catch_up(now_s)
-        model = self.config.jig
-        rng = self._pose_rng
-        angles = rng.normal(0.0, model.wobble_deg * DEG, 3)
-        for follower, angle in zip(self._wobble, angles, strict=True):
-            follower.aim(float(angle))
-        direction = rng.normal(size=3)
-        amplitude = model.vibration_mg * MILLI_G * direction / np.linalg.norm(direction)
-        buzzes = bool(rng.uniform() < model.vibration_share)
-        hz, phase = float(rng.uniform(*model.vibration_hz)), float(rng.uniform(0.0, 2 * math.pi))
-        self.imu.vibration = Vibration(amplitude, hz, phase) if buzzes else None
+        errors = draw_pose_errors(self.config.jig, self._pose_rng)
+        for follower, angle in zip(self._wobble, errors.wobble.tolist(), strict=True):
+            follower.aim(angle)
+        self.imu.vibration = errors.vibration
 
     def _at(self, t_s: float, action: Callable[[], None]) -> None:
         step = math.ceil(t_s / STEP_S - 1e-6)
