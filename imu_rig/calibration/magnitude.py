@@ -49,7 +49,7 @@ class MagnitudeFit:
         Error when the fit never saw the pose, and its predicted sigma [m/s^2]; NaN where the
         other poses are fewer than nine.
     noise_scale : float
-        Size of the residuals against the scatter within the stills, at least 1.
+        Size of the residuals against the noise within the stills.
     used : shape (m,)
         Poses that the fit rests on; the others were set aside as outliers.
     """
@@ -63,15 +63,15 @@ class MagnitudeFit:
     used: BoolArray
 
 
-def fit_magnitude(means: FloatArray, sems: FloatArray, gravity: float) -> MagnitudeFit:
+def fit_magnitude(means: FloatArray, covs: FloatArray, gravity: float) -> MagnitudeFit:
     """Fit scale, non-orthogonality and bias to still means.
 
     Parameters
     ----------
     means : shape (m, 3)
         Mean raw specific force of each pose [m/s^2], m at least 9.
-    sems : shape (m, 3)
-        Their standard errors [m/s^2].
+    covs : shape (m, 3, 3)
+        Their covariances [m^2/s^4].
     gravity : float
         Magnitude of gravity [m/s^2].
 
@@ -84,7 +84,7 @@ def fit_magnitude(means: FloatArray, sems: FloatArray, gravity: float) -> Magnit
         raise DataError(f"{len(means)} poses cannot determine nine parameters")
     used = np.ones(len(means), dtype=bool)
     while True:
-        fit = _fit(means, sems, gravity, used)
+        fit = _fit(means, covs, gravity, used)
         if used.sum() < FEWEST_TO_JUDGE:
             return fit
         z = np.abs(fit.left_out / fit.left_out_sigma)
@@ -124,9 +124,9 @@ def full_covariance(C: FloatArray) -> FloatArray:
     return np.asarray(E @ C @ E.T)
 
 
-def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -> MagnitudeFit:
-    p = _solve(_start(means[used], gravity), means[used], sems[used], gravity)
-    sigma = _sigma(p, means, sems)
+def _fit(means: FloatArray, covs: FloatArray, gravity: float, used: BoolArray) -> MagnitudeFit:
+    p = _solve(_start(means[used], gravity), means[used], covs[used], gravity)
+    sigma = _sigma(p, means, covs)
     size, J = jacobian(p, means)
     error = size - gravity
     C = _covariance(J[used] / sigma[used, None])
@@ -138,7 +138,7 @@ def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -
         others[i] = False
         if others.sum() < UNKNOWNS:
             continue
-        q = _solve(p, means[others], sems[others], gravity)
+        q = _solve(p, means[others], covs[others], gravity)
         there, slope = jacobian(q, means[i : i + 1])
         sizes, slopes = jacobian(q, means[others])
         D = _covariance(slopes / sigma[others, None])
@@ -152,16 +152,16 @@ def _fit(means: FloatArray, sems: FloatArray, gravity: float, used: BoolArray) -
 
 
 def _noise_scale(z: FloatArray) -> float:
-    """Size of the residuals against the noise within the stills, never below it."""
+    """Size of the residuals against the noise within the stills."""
     dof = len(z) - UNKNOWNS
-    return max(1.0, float(np.sqrt((z @ z + SCALE_DOF) / (dof + SCALE_DOF))))
+    return float(np.sqrt((z @ z + SCALE_DOF) / (dof + SCALE_DOF)))
 
 
-def _sigma(p: FloatArray, means: FloatArray, sems: FloatArray) -> FloatArray:
+def _sigma(p: FloatArray, means: FloatArray, covs: FloatArray) -> FloatArray:
     T, o = unpack(p)
     c = means @ T.T - o
     along = (c / np.linalg.norm(c, axis=1, keepdims=True)) @ T
-    return np.asarray(np.sqrt(np.sum((along * sems) ** 2, axis=1) + FLICKER**2))
+    return np.asarray(np.sqrt(np.einsum("mi,mij,mj->m", along, covs, along) + FLICKER**2))
 
 
 def _start(means: FloatArray, gravity: float) -> list[FloatArray]:
@@ -181,20 +181,20 @@ def _start(means: FloatArray, gravity: float) -> list[FloatArray]:
 
 
 def _solve(
-    start: FloatArray | list[FloatArray], means: FloatArray, sems: FloatArray, gravity: float
+    start: FloatArray | list[FloatArray], means: FloatArray, covs: FloatArray, gravity: float
 ) -> FloatArray:
     starts = start if isinstance(start, list) else [start]
-    ends = [_descend(p, means, sems, gravity) for p in starts]
+    ends = [_descend(p, means, covs, gravity) for p in starts]
     return min(ends, key=lambda end: end[0])[1]
 
 
 def _descend(
-    p: FloatArray, means: FloatArray, sems: FloatArray, gravity: float
+    p: FloatArray, means: FloatArray, covs: FloatArray, gravity: float
 ) -> tuple[float, FloatArray]:
     """Levenberg-Marquardt; weights follow the estimate, which only turns the noise axes."""
     damping = 1e-3
     for _ in range(60):
-        sigma = _sigma(p, means, sems)
+        sigma = _sigma(p, means, covs)
         size, J = jacobian(p, means)
         r = np.concatenate(((size - gravity) / sigma, (p - NOMINAL) / WEAK))
         J = np.concatenate((J * WEAK / sigma[:, None], np.eye(UNKNOWNS)))

@@ -170,7 +170,9 @@ def _gravity_seen_from(
     angle = np.concatenate((np.zeros((1, 3)), np.cumsum(turns, axis=0)))
     angle -= angle[row]
     mean = part.accel.mean(axis=0) + np.cross(angle, part.accel).mean(axis=0)
-    spread = float(np.mean(stills.accel_sem[i] ** 2)) * float(stills.count[i]) / len(part)
+    # Along gravity only the sensor's own noise shows: the gyroscope has followed the tremor.
+    up = mean / np.linalg.norm(mean)
+    spread = float(up @ stills.accel_cov[i] @ up) * float(stills.count[i]) / len(part)
     return mean, float(np.sqrt(spread))
 
 

@@ -62,7 +62,7 @@ def multi_position(session: Session) -> Outcome:
             f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
             f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
         )
-    fit = fit_magnitude(stills.accel_mean, stills.accel_sem, session.gravity.value)
+    fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
     figures = physical_figures(fit.affine)
     free = _beyond(figures, NO_ACCEL)
     if free:

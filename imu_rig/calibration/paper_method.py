@@ -65,9 +65,10 @@ def _solve(session: Session, model: Model) -> Outcome:
 def _accel_outcome(
     session: Session, fit: PaperFit, gravity: FloatArray, model: Model
 ) -> AccelOutcome:
-    means, sems = session.stills.accel_mean, session.stills.accel_sem
+    means = session.stills.accel_mean
     along = gravity / session.gravity.value
-    sigma = np.sqrt(np.sum((along @ fit.affine.K * sems) ** 2, axis=1))
+    seen = along @ fit.affine.K
+    sigma = np.sqrt(np.einsum("mi,mij,mj->m", seen, session.stills.accel_cov, seen))
     left_out = np.full(len(means), np.nan)
     left_out_sigma = np.full(len(means), np.nan)
     for i in range(len(means)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.mean_noise import mean_covariances, mean_variances, slow_terms
 from imu_rig.errors import DataError, InputError
 from imu_rig.units import DEG, MILLI_G
 
@@ -20,8 +21,6 @@ WINDOW_S = 0.4
 half of it is cut from either end of a still: a jig's ring-down, a hand that lets go."""
 SHORTEST_S = 0.6
 """Shortest still worth a mean."""
-BLOCK_S = 0.2
-"""Block length for standard errors: long against vibration, short against a hold."""
 GAP_S = 0.1
 """A hole in the time stamps that a still or a move may not span."""
 FROZEN_S = 0.1
@@ -43,8 +42,6 @@ TREMOR_SHARE = 0.5
 """Part of the scatter in a window that a tremor of 1 or 2 Hz can leave in its mean."""
 FEWEST_SAMPLES = 8
 """Fewer samples make no mean with an uncertainty."""
-PRIOR_DOF = 4.0
-"""Weight of the pooled scatter when that of one short still is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +56,18 @@ class Stills:
         Time of the first and last averaged sample [s].
     accel_mean, gyro_mean : shape (m, 3)
         Means [m/s^2, rad/s].
-    accel_sem, gyro_sem : shape (m, 3)
-        Standard errors of the means from the scatter of block means, each still's own scatter
-        drawn toward the pooled one.
+    accel_cov : shape (m, 3, 3)
+        Covariance of each mean specific force [m^2/s^4]: a hand or a table that trembles turns
+        the sensor, so the axes' errors belong together and gravity's magnitude is known better
+        than any axis.
+    gyro_sem : shape (m, 3)
+        Standard errors of the mean rates [rad/s].
     count : shape (m,)
         Samples averaged.
     drift : shape (m,)
-        Largest difference between the means of the two halves over the axes of the
-        accelerometer, in the standard errors of a typical still: above 8 the sensor moved.
+        Difference of the two halves of the still that its slowest change makes, largest over the
+        axes of the accelerometer, in the standard errors of a typical still: above 8 the sensor
+        moved.
     """
 
     start: IntArray
@@ -75,7 +76,7 @@ class Stills:
     t1: FloatArray
     accel_mean: FloatArray
     gyro_mean: FloatArray
-    accel_sem: FloatArray
+    accel_cov: FloatArray
     gyro_sem: FloatArray
     count: IntArray
     drift: FloatArray
@@ -83,6 +84,11 @@ class Stills:
     def __len__(self) -> int:
         """Return the number of stills."""
         return int(self.start.shape[0])
+
+    @property
+    def accel_sem(self) -> FloatArray:
+        """Standard errors (m, 3) of the mean specific forces, axis by axis [m/s^2]."""
+        return np.asarray(np.sqrt(np.diagonal(self.accel_cov, axis1=1, axis2=2)))
 
     def only(self, keep: BoolArray) -> Stills:
         """Return the stills that ``keep`` (m,) marks."""
@@ -231,52 +237,40 @@ def summarize(block: ImuBlock, windows: Sequence[tuple[float, float]] | FloatArr
 
 
 def _summary(block: ImuBlock, start: IntArray, stop: IntArray) -> Stills:
-    size = max(2, round(BLOCK_S * sample_rate(block.t)))
+    rate = sample_rate(block.t)
     rows = list(zip(start, stop, strict=True))
-    accel = [_block_means(block.accel[i:j], size) for i, j in rows]
-    gyro = [_block_means(block.gyro[i:j], size) for i, j in rows]
-    accel_sem, typical = _standard_errors(accel, LEAST_ACCEL_NOISE)
-    gyro_sem, _ = _standard_errors(gyro, LEAST_GYRO_NOISE)
-    halves = np.array([_half_difference(means) for means in accel]).reshape(-1, 3)
-    pairs = np.array([len(means) // 2 for means in accel], dtype=float)
+    count = stop - start
+    accel = [slow_terms(block.accel[i:j], rate) for i, j in rows]
+    gyro = [slow_terms(block.gyro[i:j], rate) for i, j in rows]
+    means = np.array([block.accel[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3)
+    least = LEAST_ACCEL_NOISE**2 / count, LEAST_GYRO_NOISE**2 / count
     return Stills(
         start=start,
         stop=stop,
         t0=block.t[start],
         t1=block.t[stop - 1],
-        accel_mean=np.array([block.accel[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
+        accel_mean=means,
         gyro_mean=np.array([block.gyro[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
-        accel_sem=accel_sem,
-        gyro_sem=gyro_sem,
-        count=stop - start,
-        drift=np.max(halves / np.sqrt(2.0 * typical / pairs[:, None]), axis=1, initial=0.0),
+        accel_cov=mean_covariances(accel, count, means) + least[0][:, None, None] * np.eye(3),
+        gyro_sem=np.sqrt(mean_variances(gyro, count) + least[1][:, None]),
+        count=count,
+        drift=_drift(accel),
     )
 
 
-def _block_means(x: FloatArray, size: int) -> FloatArray:
-    """Means of whole blocks (k, 3), k at least 4, of samples (n, 3)."""
-    size = max(1, min(size, len(x) // 4))
-    count = len(x) // size
-    return np.asarray(x[: count * size].reshape(count, size, 3).mean(axis=1))
-
-
-def _half_difference(means: FloatArray) -> FloatArray:
-    half = len(means) // 2
-    return np.asarray(np.abs(means[:half].mean(axis=0) - means[-half:].mean(axis=0)))
-
-
-def _standard_errors(means: list[FloatArray], least_noise: float) -> tuple[FloatArray, FloatArray]:
-    """Return standard errors (m, 3) of the means of blocks, and the typical variance (3,)."""
-    if not means:
-        return np.empty((0, 3)), np.ones(3)
-    variance = np.array([m.var(axis=0, ddof=1) for m in means])
-    blocks = np.array([len(m) for m in means], dtype=float)[:, None]
-    dof = blocks - 1.0
+def _drift(terms: list[FloatArray]) -> FloatArray:
+    """Size (m,) of the slowest change within each still, see `Stills`."""
+    if not terms:
+        return np.empty(0)
+    variance = np.array([np.mean(c**2, axis=0) for c in terms])
+    dof = np.array([float(len(c)) for c in terms])[:, None]
     # The median of a chi-square variable over its degrees of freedom (Wilson and Hilferty).
     typical = np.median(variance / (1.0 - 2.0 / (9.0 * dof)) ** 3, axis=0)
-    typical = np.maximum(typical, least_noise**2 / 10.0)
-    shrunk = (dof * variance + PRIOR_DOF * typical) / (dof + PRIOR_DOF)
-    return np.sqrt(shrunk / blocks), typical
+    typical = np.maximum(typical, LEAST_ACCEL_NOISE**2)
+    slowest = np.array([c[0] for c in terms])
+    # A steady drift that separates the halves by one standard error has a first term of this.
+    unit = 8.0 * np.sqrt(2.0) / np.pi**2
+    return np.asarray(np.max(np.abs(slowest) / (unit * np.sqrt(typical)), axis=1))
 
 
 def _sliding(x: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:

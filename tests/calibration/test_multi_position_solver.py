@@ -436,7 +436,7 @@ def test_real_multi_position_recordings(imu_rig_data, name, most_mg):
     assert result.gyro_errors.held_out.rms < 0.12 * DEG
     assert result.gyro_errors.before.rms > 0.5 * DEG
     z = [pose.left_out / pose.left_out_sigma for pose in result.poses]
-    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.3
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15
     assert result.warnings == ()
 
 
