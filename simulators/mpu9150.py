@@ -10,7 +10,7 @@ import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
-from simulators.models import SensorModel
+from simulators.models import SensorModel, Vector3
 from simulators.sampling import Means
 
 ACCEL_COUNT = STANDARD_GRAVITY / 4096.0
@@ -147,7 +147,8 @@ class Mpu9150:
         force = means.force
         if vibration is not None:
             force = force + vibration.mean(means.t, means.duration)
-        gained = self._nonlinear(force) * (1.0 + cold * (model.accel_gain_percent_per_c / 100.0))
+        seen = bent(force, model.accel_quadratic, model.accel_cubic)
+        gained = seen * (1.0 + cold * (model.accel_gain_percent_per_c / 100.0))
         offsets = walks + self._offsets + cold * self._offsets_per_c
         self._remember(means.t, offsets)
         accel = _turned(self._accel_sensitivity, gained + offsets[:, :3])
@@ -181,15 +182,6 @@ class Mpu9150:
         if len(t):
             self._remembered_s = float(t[-1])
 
-    def _nonlinear(self, force: FloatArray) -> FloatArray:
-        quadratic, cubic = self.model.accel_quadratic, self.model.accel_cubic
-        if not (any(quadratic) or any(cubic)):
-            return force
-        in_g = force / STANDARD_GRAVITY
-        bend = np.array(quadratic) * in_g**2 + np.array(cubic) * in_g**3
-        bent: FloatArray = force + STANDARD_GRAVITY * bend
-        return bent
-
     def _walk(self, noise: FloatArray, duration: FloatArray) -> FloatArray:
         """Return the walks at each sample, shape (n, 6), and go on from the last."""
         model = self.model
@@ -199,6 +191,15 @@ class Mpu9150:
         if len(walks):
             self._walks = walks[-1]
         return walks
+
+
+def bent(force: FloatArray, quadratic: Vector3, cubic: Vector3) -> FloatArray:
+    """Return what a nonlinear accelerometer makes of specific force (n, 3) [m/s^2]."""
+    if not (any(quadratic) or any(cubic)):
+        return force
+    in_g = force / STANDARD_GRAVITY
+    bend: FloatArray = np.array(quadratic) * in_g**2 + np.array(cubic) * in_g**3
+    return force + STANDARD_GRAVITY * bend
 
 
 def to_ak8975(vectors: FloatArray) -> FloatArray:

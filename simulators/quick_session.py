@@ -27,6 +27,7 @@ from simulators.quick_motion import Way, joint_rows, way_steps
 from simulators.rig import AffineTruth, RigTruth
 from simulators.sampling import Means, Sampler
 from simulators.servo import STEP_S, Servo
+from simulators.straight_line import line_over_gravity
 
 STAGES: tuple[tuple[int, ...], ...] = ((0, 1), (2,))
 """Axes that turn together: pan with tilt, then roll."""
@@ -59,7 +60,7 @@ class SessionFaults:
     time_factor : float
         Noted time over true time.
     slip : (int, int, float), optional
-        Axis, the first pose after its servo slipped, and by how much [deg].
+        Axis (0 is pan), the first pose after its servo slipped, and by how much [deg].
     bumped : int, optional
         Pose in which the plate stood turned by `bump_deg`.
     bump_deg : (float, float, float)
@@ -105,6 +106,9 @@ class QuickSession:
     truth : RigTruth
         Gains and offsets as they were on average over the stills; the accelerometer's gain is the
         one at zero input.
+    accel_line : AffineTruth
+        The accelerometer's best straight line over gravity: the truth for whatever is found at
+        rest. The same as ``truth.accel`` where it is linear.
     attitudes : shape (m, 3, 3)
         True rotation matrices, sensor to navigation axes, in the middle of every still.
     mounting_matrices : shape (k, 3, 3)
@@ -118,6 +122,7 @@ class QuickSession:
     mounting: tuple[int, ...]
     mountings_deg: tuple[Vector3, ...]
     truth: RigTruth
+    accel_line: AffineTruth
     attitudes: FloatArray
     mounting_matrices: FloatArray
 
@@ -268,7 +273,9 @@ class _Drive:
         self._mounting = mounting
         slip = self._faults.slip
         if slip is not None and index == slip[1]:
-            self._slip[slip[0]] = slip[2] * DEG
+            self._slip_servo(
+                slip[0], slip[2] * DEG, driven=pose[slip[0]] != self._commanded[slip[0]]
+            )
         errors = draw_pose_errors(self._jig, self._pose_rng)
         bump = self._faults.bump_deg if self._faults.bumped == index else ZERO
         for joint, angle in enumerate((errors.wobble + np.array(bump) * DEG).tolist(), start=3):
@@ -337,6 +344,13 @@ class _Drive:
         if target != self._at[joint]:
             self._ways[joint].append(Way(self._now, steps, self._at[joint], target))
             self._at[joint] = target
+
+    def _slip_servo(self, axis: int, angle: float, *, driven: bool) -> None:
+        """Shift an axis, on its way where it is driven, at the begin of the move where not."""
+        self._slip[axis] = angle
+        if not driven:
+            target = self._at[axis] + angle
+            self._go(axis, target, way_steps(angle, self._speed))
 
     def _wait(self, seconds: float) -> None:
         self._now += round(seconds / STEP_S)
@@ -439,6 +453,7 @@ def _noted(
         jigs[mounted].attitude(motion.table[[row], :, 0])[0]
         for mounted, row in zip(mounting, middle.tolist(), strict=True)
     ]
+    true = recorded.truth(windows, sensor, truth)
     return QuickSession(
         block=recorded.block(faults),
         windows=windows * faults.time_factor,
@@ -446,7 +461,10 @@ def _noted(
         turns=_turns(motion.stages, noted, faults.time_factor),
         mounting=mounting,
         mountings_deg=mountings_deg,
-        truth=recorded.truth(windows, sensor, truth),
+        truth=true,
+        accel_line=line_over_gravity(
+            true.accel, sensor.accel_quadratic, sensor.accel_cubic, true.gravity
+        ),
         attitudes=np.array(attitudes),
         mounting_matrices=mounting_matrices,
     )
