@@ -34,6 +34,34 @@ Method = Annotated[
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for certificate and report.")
 ]
+MapFile = Annotated[
+    Path | None, typer.Option("--map", help="TOML file that names columns and units.")
+]
+Columns = Annotated[
+    str | None,
+    typer.Option("--columns", help='Names of all columns, as in "t ax ay az gx gy gz".'),
+]
+Rate = Annotated[
+    float | None, typer.Option("--rate", help="Samples per second, where there is no time column.")
+]
+AccelColumns = Annotated[
+    str | None,
+    typer.Option("--accel", help="Accelerometer columns by name or number, as X,Y,Z."),
+]
+GyroColumns = Annotated[str | None, typer.Option("--gyro", help="Gyroscope columns, likewise.")]
+TimeColumn = Annotated[str | None, typer.Option("--time", help="Time column by name or number.")]
+AccelUnit = Annotated[
+    str | None,
+    typer.Option("--accel-unit", help='m/s2, g, mg or counts as in "16384 LSB/g".'),
+]
+GyroUnit = Annotated[
+    str | None,
+    typer.Option("--gyro-unit", help='rad/s, deg/s or counts as in "131 LSB/(deg/s)".'),
+]
+MagUnit = Annotated[str | None, typer.Option("--mag-unit", help="uT, gauss, mG or nT.")]
+TimeUnit = Annotated[str | None, typer.Option("--time-unit", help="s, ms, us, ns or samples.")]
+SensorName = Annotated[str, typer.Option("--name", help="Name of the sensor, for the certificate.")]
+Serial = Annotated[str, typer.Option("--serial", help="Serial number, for the certificate.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 
 DEFAULT_METHOD = "multi-position"

@@ -10,23 +10,32 @@ import typer
 
 from imu_rig.cli.options import (
     DEFAULT_METHOD,
+    AccelColumns,
+    AccelUnit,
+    Columns,
     Gravity_,
+    GyroColumns,
+    GyroUnit,
     Height,
     Json,
     Latitude,
+    MagUnit,
+    MapFile,
     Method,
     Output,
+    Rate,
+    SensorName,
+    Serial,
+    TimeColumn,
+    TimeUnit,
     gravity_from,
 )
-from imu_rig.errors import InputError
+from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
 
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
     from imu_rig.calibration.result import CalibrationResult
-    from imu_rig.importing.column_map import ColumnMap
     from imu_rig.recording.reader import Trial
-
-TRIAL_SUFFIX = ".imu-trial"
 
 
 def solve(
@@ -35,64 +44,35 @@ def solve(
     gravity: Gravity_ = None,
     latitude: Latitude = None,
     height: Height = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", help="TOML file that names columns and units.")
-    ] = None,
-    columns: Annotated[
-        str | None, typer.Option(help='Names of all columns, as in "t ax ay az gx gy gz".')
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Samples per second, where there is no time column.")
-    ] = None,
-    accel: Annotated[
-        str | None, typer.Option(help="Accelerometer columns by name or number, as X,Y,Z.")
-    ] = None,
-    gyro: Annotated[str | None, typer.Option(help="Gyroscope columns, likewise.")] = None,
-    time: Annotated[str | None, typer.Option(help="Time column by name or number.")] = None,
-    accel_unit: Annotated[
-        str | None, typer.Option(help='m/s2, g, mg or counts as in "16384 LSB/g".')
-    ] = None,
-    gyro_unit: Annotated[
-        str | None, typer.Option(help='rad/s, deg/s or counts as in "131 LSB/(deg/s)".')
-    ] = None,
-    mag_unit: Annotated[str | None, typer.Option(help="uT, gauss, mG or nT.")] = None,
-    time_unit: Annotated[str | None, typer.Option(help="s, ms, us, ns or samples.")] = None,
-    name: Annotated[str, typer.Option(help="Name of the sensor, for the certificate.")] = "",
-    serial: Annotated[str, typer.Option(help="Serial number, for the certificate.")] = "",
+    map_file: MapFile = None,
+    columns: Columns = None,
+    rate: Rate = None,
+    accel: AccelColumns = None,
+    gyro: GyroColumns = None,
+    time: TimeColumn = None,
+    accel_unit: AccelUnit = None,
+    gyro_unit: GyroUnit = None,
+    mag_unit: MagUnit = None,
+    time_unit: TimeUnit = None,
+    name: SensorName = "",
+    serial: Serial = "",
     output: Output = None,
     as_json: Json = False,
 ) -> None:
     """Calibrate from a recording: a jig session, or a sensor held still and turned by hand."""
     from imu_rig.calibration.certificate import certificate_of
     from imu_rig.cli import sessions
-    from imu_rig.recording.reader import open_trial
 
     local_gravity = gravity_from(gravity, latitude, height)
-    trial: Trial | None = None
-    if file.suffix == TRIAL_SUFFIX:
-        table = (map_file, columns, rate, accel_unit, gyro_unit, mag_unit, time_unit)
-        if any(option is not None for option in (*table, accel, gyro, time)):
-            raise InputError(f"{file} knows its columns, units and rate: leave those options out.")
-        trial = open_trial(file)
-        sessions.warn_of_damage(trial)
+    table = TableOptions(
+        map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit
+    )
+    trial = open_if_trial(file, table)
+    if trial is not None:
         result = _solve_trial(trial, method, local_gravity)
         digest = trial.sha256
     else:
-        from imu_rig.importing.column_map import ColumnMap, load_column_map
-
-        stated = ColumnMap() if map_file is None else load_column_map(map_file)
-        stated = stated.updated(
-            columns=columns,
-            rate_hz=rate,
-            accel=accel,
-            gyro=gyro,
-            time=time,
-            accel_unit=accel_unit,
-            gyro_unit=gyro_unit,
-            mag_unit=mag_unit,
-            time_unit=time_unit,
-        )
-        result, digest = _solve_table(file, stated, method, local_gravity, name, serial)
+        result, digest = _solve_table(file, table, method, local_gravity, name, serial)
     certificate = certificate_of(result, recording=(file.name, digest))
     files: dict[str, str] = {}
     if output is not None:
@@ -119,19 +99,11 @@ def _solve_trial(trial: Trial, method: str, gravity: Gravity) -> CalibrationResu
 
 
 def _solve_table(
-    file: Path, stated: ColumnMap, method: str, gravity: Gravity, name: str, serial: str
+    file: Path, table: TableOptions, method: str, gravity: Gravity, name: str, serial: str
 ) -> tuple[CalibrationResult, str]:
-    import hashlib
-
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
-    from imu_rig.importing.read_table import read_table
 
-    block = read_table(file, stated)
-    try:
-        with file.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}.") from error
+    block, digest = read_block(file, table)
     device = DeviceInfo(name=name or file.stem, serial=serial)
     return solve_block(block, method=method, gravity=gravity, device=device), digest

@@ -1,0 +1,84 @@
+"""Recordings that a command is given: a trial file, or a table with options that explain it."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imu_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from imu_rig.blocks import ImuBlock
+    from imu_rig.importing.column_map import ColumnMap
+    from imu_rig.recording.reader import Trial
+
+TRIAL_SUFFIX = ".imu-trial"
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """What the options of a command say about a table; see `imu_rig.cli.options`."""
+
+    map_file: Path | None = None
+    columns: str | None = None
+    rate: float | None = None
+    accel: str | None = None
+    gyro: str | None = None
+    time: str | None = None
+    accel_unit: str | None = None
+    gyro_unit: str | None = None
+    mag_unit: str | None = None
+    time_unit: str | None = None
+
+    def column_map(self) -> ColumnMap:
+        """Return the columns and units: those of the map file where no option says otherwise."""
+        from imu_rig.importing.column_map import ColumnMap, load_column_map
+
+        stated = ColumnMap() if self.map_file is None else load_column_map(self.map_file)
+        return stated.updated(
+            columns=self.columns,
+            rate_hz=self.rate,
+            accel=self.accel,
+            gyro=self.gyro,
+            time=self.time,
+            accel_unit=self.accel_unit,
+            gyro_unit=self.gyro_unit,
+            mag_unit=self.mag_unit,
+            time_unit=self.time_unit,
+        )
+
+
+def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
+    """Open a trial file, saying on stderr what it has lost; None where ``file`` is a table.
+
+    Raises
+    ------
+    InputError
+        If options for a table were given with a trial file, or it cannot be read.
+    """
+    if file.suffix != TRIAL_SUFFIX:
+        return None
+    from imu_rig.cli.sessions import warn_of_damage
+    from imu_rig.recording.reader import open_trial
+
+    if any(option is not None for option in astuple(table)):
+        raise InputError(f"{file} knows its columns, units and rate: leave those options out.")
+    trial = open_trial(file)
+    warn_of_damage(trial)
+    return trial
+
+
+def read_block(file: Path, table: TableOptions) -> tuple[ImuBlock, str]:
+    """Read a table; return its samples and the SHA-256 of the file."""
+    import hashlib
+
+    from imu_rig.importing.read_table import read_table
+
+    block = read_table(file, table.column_map())
+    try:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {error.strerror}.") from error
+    return block, digest
