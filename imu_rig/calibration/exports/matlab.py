@@ -1,0 +1,32 @@
+"""A script for MATLAB and Octave."""
+
+from __future__ import annotations
+
+from imu_rig.arrays import FloatArray
+from imu_rig.calibration.exports.exported import Exported
+from imu_rig.calibration.exports.options import ExportOptions
+from imu_rig.calibration.exports.source import KINDS, UNITS, Source
+
+
+def matlab(source: Source, options: ExportOptions) -> Exported:
+    """Write matrices and a function handle for each sensor."""
+    lines = ["% Calibration of an inertial sensor: calibrated = K * raw - b."]
+    lines += [f"% {line}" for line in source.about]
+    for sensor, model in source.sensors.items():
+        unit = UNITS[sensor]
+        lines += [
+            "",
+            f"% {KINDS[sensor]}: raw and calibrated readings and b in {unit}.",
+            f"{sensor}_K = {_matrix(model.K)};",
+            f"{sensor}_K_uncertainty = {_matrix(model.K_uncertainty)};",
+            f"{sensor}_b = {_matrix(model.b[:, None])};",
+            f"{sensor}_b_uncertainty = {_matrix(model.b_uncertainty[:, None])};",
+            "% of readings in rows, n by 3",
+            f"calibrate_{sensor} = @(raw) bsxfun(@minus, raw * {sensor}_K', {sensor}_b');",
+        ]
+    return Exported("\n".join(lines) + "\n")
+
+
+def _matrix(array: FloatArray) -> str:
+    rows = [" ".join(repr(value) for value in row) for row in (array + 0.0).tolist()]
+    return "[" + "; ".join(rows) + "]"

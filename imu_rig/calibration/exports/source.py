@@ -1,0 +1,118 @@
+"""What an export is made of: the models of a certificate and the words that go with them."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+from imu_rig.calibration.certificate import Certificate
+from imu_rig.calibration.model import PARAMETERS, Affine, sensor_frame
+from imu_rig.units import STANDARD_GRAVITY
+
+LONGEST_TEXT = 200
+LINE_WIDTH = 90
+UNITS = {"accel": "m/s^2", "gyro": "rad/s", "mag": "uT"}
+"""Unit of the readings, and so of b, by sensor."""
+KINDS = {"accel": "Accelerometer", "gyro": "Gyroscope", "mag": "Magnetometer"}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A calibration to be exported.
+
+    Attributes
+    ----------
+    about : tuple of str
+        Lines that say whose calibration it is; each is one line of printable characters.
+    accel : Affine
+        Accelerometer [m/s^2].
+    gyro : Affine or None
+        Gyroscope [rad/s].
+    mag : Affine or None
+        Magnetometer [uT].
+    gravity : float
+        Gravity the accelerometer is scaled to [m/s^2].
+    field : float
+        Size of the magnetic field that errors are judged at [uT].
+    """
+
+    about: tuple[str, ...]
+    accel: Affine
+    gyro: Affine | None = None
+    mag: Affine | None = None
+    gravity: float = STANDARD_GRAVITY
+    field: float = 50.0
+
+    @staticmethod
+    def of(certificate: Certificate) -> Source:
+        """Take what a certificate holds; its texts come from outside and are made harmless."""
+        device = certificate.device
+        named = f"{device.name or 'a sensor without a name'}"
+        if device.serial:
+            named += f", serial {device.serial}"
+        about = [
+            f"Calibration of {named}",
+            f"made {certificate.date.isoformat()} by {certificate.software}, "
+            f"method {certificate.method}",
+            certificate.gravity.gravity().statement,
+        ]
+        if certificate.warnings:
+            about.append(f"The certificate has {len(certificate.warnings)} warning(s): read them.")
+        return Source(
+            about=tuple(part for line in about for part in wrapped(line)),
+            accel=certificate.accel.affine(),
+            gyro=None if certificate.gyro is None else certificate.gyro.affine(),
+            gravity=certificate.gravity.value,
+        )
+
+    @property
+    def sensors(self) -> dict[str, Affine]:
+        """The models there are, by the short name of the sensor."""
+        models = {"accel": self.accel, "gyro": self.gyro, "mag": self.mag}
+        return {name: model for name, model in models.items() if model is not None}
+
+    def in_sensor_frame(self) -> tuple[Source, float]:
+        """Express every output in the sensor's own frame; also return by how much that turns it.
+
+        The frame is that in which the accelerometer's K is upper triangular, and the angle [rad]
+        is that between it and the frame of the certificate.
+        """
+        Q, _ = sensor_frame(self.accel.K)
+        angle = float(np.arccos(np.clip((np.trace(Q) - 1.0) / 2.0, -1.0, 1.0)))
+        return self._of_each(lambda model: model.rotated(Q.T)), angle
+
+    def with_axes(self, P: FloatArray) -> Source:
+        """Express raw and calibrated readings in other axes: ``new = P @ old`` (3, 3)."""
+        J = np.zeros((PARAMETERS, PARAMETERS))
+        J[:9, :9] = np.kron(P, P)
+        J[9:, 9:] = P
+
+        def turned(model: Affine) -> Affine:
+            covariance = J @ model.covariance @ J.T
+            return Affine(P @ model.K @ P.T, P @ model.b, covariance, model.dof)
+
+        return self._of_each(turned)
+
+    def _of_each(self, change: Callable[[Affine], Affine]) -> Source:
+        return replace(
+            self,
+            accel=change(self.accel),
+            gyro=None if self.gyro is None else change(self.gyro),
+            mag=None if self.mag is None else change(self.mag),
+        )
+
+
+def wrapped(sentence: str) -> list[str]:
+    """Break a sentence of unknown origin into harmless lines for comments."""
+    return textwrap.wrap(one_line(sentence), LINE_WIDTH, break_on_hyphens=False)
+
+
+def one_line(text: str) -> str:
+    """Return a text of unknown origin as one line of printable characters, not too long."""
+    printable = "".join(c if c.isprintable() else " " for c in text[: 2 * LONGEST_TEXT])
+    line = " ".join(printable.split())
+    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 3]}..."
