@@ -81,6 +81,23 @@ def to_matrix(q: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def vector_of_matrix(R: FloatArray) -> FloatArray:
+    """Rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), angles well below pi."""
+    twice = np.stack(
+        (
+            R[..., 2, 1] - R[..., 1, 2],
+            R[..., 0, 2] - R[..., 2, 0],
+            R[..., 1, 0] - R[..., 0, 1],
+        ),
+        axis=-1,
+    )
+    sine = 0.5 * np.linalg.norm(twice, axis=-1)
+    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    stretch = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-12), 1.0)
+    return np.asarray(0.5 * twice * stretch[..., None])
+
+
 def about_x(angle: FloatArray | float) -> FloatArray:
     """Rotation matrices (..., 3, 3) about x by ``angle`` [rad]."""
     return _about_axis(angle, 0)

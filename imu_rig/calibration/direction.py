@@ -99,9 +99,33 @@ def direction_errors(
     moves: Moves, where: Directions, K: FloatArray, bias: FloatArray
 ) -> FloatArray:
     """Angles (n,) between predicted and measured gravity at the end of every move [rad]."""
-    predicted = rotation.rotate(rotation.conjugate(integrate(moves, K, bias)), where.begin)
+    return angles_off(integrate(moves, K, bias), where)
+
+
+def angles_off(q: FloatArray, where: Directions) -> FloatArray:
+    """Angles (n,) between gravity that turns (n, 4) predict and measured gravity [rad]."""
+    predicted = rotation.rotate(rotation.conjugate(q), where.begin)
     across = np.linalg.norm(np.cross(predicted, where.end), axis=1)
     return np.asarray(np.arctan2(across, np.sum(predicted * where.end, axis=1)))
+
+
+def direction_residuals(
+    moves: Moves, where: Directions, accel: Affine, track: BiasTrack, K: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the direction errors as vectors, and what they owe to either sensor's parameters.
+
+    Returns
+    -------
+    residual : shape (n, 2)
+        Predicted minus measured direction along `Directions.basis` [rad].
+    by_gain : shape (n, 2, 9)
+        Derivative with respect to the gyroscope's K row by row.
+    by_accel : shape (n, 2, 12)
+        Derivative with respect to the accelerometer's ``[K, b]``.
+    """
+    p = np.concatenate((K.ravel(), np.zeros(3)))
+    q, residual, J = _linearize(moves, where, track, p)
+    return residual, J[:, :, :9], _accelerometer_slopes(moves, where, accel, q)
 
 
 def errors_before(moves: Moves, stills: Stills, track: BiasTrack) -> FloatArray:

@@ -5,11 +5,11 @@ A recording is summarized into it, and a protocol that was never run can be writ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imu_rig.arrays import FloatArray, IntArray
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.earth import EARTH_RATE
 from imu_rig.calibration.moves import Moves
 from imu_rig.calibration.session import CommandedPoses, Session
@@ -69,6 +69,20 @@ class JointData:
     def __len__(self) -> int:
         """Return the number of poses."""
         return len(self.t)
+
+    def only(self, keep: BoolArray) -> JointData:
+        """Return the poses that ``keep`` (m,) marks and the moves between two of them."""
+        place = np.cumsum(keep) - 1
+        moved = keep[self.moves.first] & keep[self.moves.last]
+        moves = self.moves.only(moved)
+        moves = replace(moves, first=place[moves.first], last=place[moves.last])
+        poses = ("angles", "mounting", "t", "accel", "accel_sigma", "gyro", "gyro_sigma")
+        return replace(
+            self,
+            moves=moves,
+            move_sigma=self.move_sigma[moved],
+            **{name: getattr(self, name)[keep] for name in poses},
+        )
 
 
 def earth_prior(latitude_deg: float | None) -> tuple[FloatArray, FloatArray]:

@@ -38,7 +38,8 @@ from imu_rig.calibration.joint_model import (
     nominal,
     system,
 )
-from imu_rig.calibration.magnitude import UPPER, fit_magnitude
+from imu_rig.calibration.magnitude import UPPER
+from imu_rig.calibration.model import Affine
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 SERVO = 0.5 * DEG
@@ -146,12 +147,18 @@ def default_prior(data: JointData, *, servo: float = SERVO) -> Prior:
     )
 
 
-def start(data: JointData) -> JointState:
-    """Begin with gravity's magnitude, the mounting that fits the labels, a nominal gyroscope."""
+def start(data: JointData, accel: Affine) -> JointState:
+    """Begin with gravity's magnitude, the mounting that fits the labels, a nominal gyroscope.
+
+    Parameters
+    ----------
+    data : JointData
+        The session.
+    accel : Affine
+        Accelerometer from gravity's magnitude, K upper triangular.
+    """
     common = nominal(data)
-    covariance = data.accel_sigma[:, None, None] ** 2 * np.eye(3)
-    fit = fit_magnitude(data.accel, covariance, data.gravity)
-    common[ACCEL_GAIN], common[ACCEL_OFFSET] = fit.affine.K[UPPER], fit.affine.b
+    common[ACCEL_GAIN], common[ACCEL_OFFSET] = accel.K[UPPER], accel.b
     mounting = np.repeat(np.eye(3)[None], len(data.mountings), axis=0)
     state = JointState(
         common=common,
@@ -161,7 +168,7 @@ def start(data: JointData) -> JointState:
         wobble=np.zeros((len(data), 3)),
         bias=data.gyro.copy() if data.has_gyro else np.zeros((len(data), 3)),
     )
-    seen = unit(data.accel @ fit.affine.K.T - fit.affine.b)
+    seen = unit(accel.apply(data.accel))
     told = attitudes(data, state).A[:, 2, :]
     turns = [
         align(seen[data.mounting == k], told[data.mounting == k])

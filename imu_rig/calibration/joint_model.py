@@ -340,7 +340,7 @@ def _move_rows(
     begin, end = where.A[first], where.A[last]
     between = np.swapaxes(begin, 1, 2) @ earth @ end
     misfit = np.swapaxes(rotation.to_matrix(q), 1, 2) @ between
-    residual = _log(misfit)
+    residual = rotation.vector_of_matrix(misfit)
     J = np.zeros((n, 3, places.count))
     J[:, :, GYRO_GAIN] = -turned.slope[:, :, :9]
     J[:, :, EARTH] = np.swapaxes(end, 1, 2) * T[:, None, None]
@@ -380,8 +380,8 @@ def _latent_rows(state: JointState, prior: Prior, places: Places) -> list[System
 
 def _prior_rows(data: JointData, state: JointState, prior: Prior, places: Places) -> System:
     value = state.common - nominal(data)
-    value[BASE] = _log(state.base)[:2]
-    turn = _log(state.mounting).ravel()
+    value[BASE] = rotation.vector_of_matrix(state.base)[:2]
+    turn = rotation.vector_of_matrix(state.mounting).ravel()
     residual = np.concatenate((value, turn, state.bias.ravel()))
     count = len(value) + len(turn)
     J = np.zeros((len(residual), places.count))
@@ -452,20 +452,3 @@ def _lateness(data: JointData) -> FloatArray:
 
 def _small(turn: FloatArray) -> FloatArray:
     return rotation.to_matrix(rotation.from_rotation_vector(turn))
-
-
-def _log(R: FloatArray) -> FloatArray:
-    """Rotation vectors (..., 3) of rotation matrices (..., 3, 3) well below half a turn."""
-    twice = np.stack(
-        (
-            R[..., 2, 1] - R[..., 1, 2],
-            R[..., 0, 2] - R[..., 2, 0],
-            R[..., 1, 0] - R[..., 0, 1],
-        ),
-        axis=-1,
-    )
-    sine = 0.5 * np.linalg.norm(twice, axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    stretch = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-12), 1.0)
-    return np.asarray(0.5 * twice * stretch[..., None])

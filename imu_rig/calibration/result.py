@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.jig_estimate import JigEstimate, Straightness
 from imu_rig.calibration.model import Affine, PhysicalFigures, physical_figures
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.verification import Verification
 
 
 @dataclass(frozen=True)
@@ -165,6 +171,16 @@ class CalibrationResult:
         Lowest and highest sensor temperature.
     warnings : tuple of str
         One sentence each; empty when nothing needs attention.
+    verification : Verification or None
+        Poses and moves kept out of the fit, judged; None where there were none.
+    accel_at_zero : Affine or None
+        The accelerometer's slope at zero input, where ``accel`` is the best line over +-1 g.
+    straightness : Straightness or None
+        Nonlinearity of the accelerometer, where it was estimated.
+    jig : JigEstimate or None
+        Errors of the jig itself, where they were estimated.
+    findings : tuple of Finding
+        Faults that the data show, as values; their poses count all that were commanded.
     """
 
     method: str
@@ -181,6 +197,11 @@ class CalibrationResult:
     duration_s: float
     temperature_c: tuple[float, float] | None = None
     warnings: tuple[str, ...] = field(default=())
+    verification: Verification | None = None
+    accel_at_zero: Affine | None = None
+    straightness: Straightness | None = None
+    jig: JigEstimate | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def accel_figures(self) -> PhysicalFigures:

@@ -10,7 +10,10 @@ import numpy as np
 from imu_rig import rotation
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.jig_estimate import JigEstimate, Straightness
+from imu_rig.calibration.known import Known
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.stills import Stills
 from imu_rig.errors import InputError
@@ -27,12 +30,15 @@ class CommandedTurn:
         Begin and end [s]; the sensor rests at both.
     start_deg, stop_deg : tuple of float
         Commanded pan, tilt and roll before and after [deg].
+    mounting_turn : tuple of float
+        Nominal rotation vector of the sensor on the plate [rad].
     """
 
     t0: float
     t1: float
     start_deg: tuple[float, float, float]
     stop_deg: tuple[float, float, float]
+    mounting_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def rotation_vector(self) -> FloatArray | None:
         """Rotation vector (3,) in sensor axes [rad] of an ideal jig.
@@ -47,7 +53,8 @@ class CommandedTurn:
         tilted = rotation.about_y(tilt) @ rotation.about_x(roll)
         axes = (tilted[2], rotation.about_x(roll)[1], np.array([1.0, 0.0, 0.0]))
         axis = int(moved[0])
-        return np.asarray(axes[axis] * change[axis])
+        mounted = rotation.to_matrix(rotation.from_rotation_vector(np.array(self.mounting_turn)))
+        return np.asarray(mounted.T @ axes[axis] * change[axis])
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +147,13 @@ class CommandedPoses:
         if self.turns:
             return self.turns
         angles = [tuple(row) for row in self.angles_deg.tolist()]
+        mounted, turns = self.mountings, self.mounting_turns or ((0.0, 0.0, 0.0),)
         return tuple(
-            CommandedTurn(float(t1[i]), float(t0[i + 1]), angles[i], angles[i + 1])
+            CommandedTurn(
+                float(t1[i]), float(t0[i + 1]), angles[i], angles[i + 1], turns[mounted[i]]
+            )
             for i in range(len(angles) - 1)
-            if order[i + 1] == order[i] + 1
+            if order[i + 1] == order[i] + 1 and mounted[i] == mounted[i + 1]
         )
 
 
@@ -166,9 +176,12 @@ class Session:
     commanded : CommandedPoses or None
         Commanded angles of these stills.
     gyro_bad : shape (n, 3)
-        Readings at the gyroscope's range limit, or of a sensor that hung.
+        Readings at the gyroscope's range limit, of a sensor that hung, or of moves that are kept
+        out of the fit: those to and from check poses, and the sensor's being turned over.
     has_gyro : bool
         Whether the gyroscope shows anything at all.
+    known : Known
+        Facts that some methods need: named parts, known rates.
     """
 
     block: ImuBlock
@@ -179,6 +192,7 @@ class Session:
     commanded: CommandedPoses | None
     gyro_bad: BoolArray
     has_gyro: bool
+    known: Known = Known()
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,9 +249,17 @@ class GyroOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a method found: one or two sensors, the frame of K, and sentences for the user."""
+    """What a method found: one or two sensors, the frame of K, and sentences for the user.
+
+    Methods that know more say so: the accelerometer's gain at zero input where ``accel`` is the
+    best line over +-1 g, its nonlinearity, the jig's own errors, and faults as values.
+    """
 
     frame: str
     accel: AccelOutcome
     gyro: GyroOutcome | None
     warnings: tuple[str, ...] = ()
+    accel_at_zero: Affine | None = None
+    straightness: Straightness | None = None
+    jig: JigEstimate | None = None
+    findings: tuple[Finding, ...] = ()

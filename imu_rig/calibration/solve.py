@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.ferraris import ferraris
 from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.joint import joint
+from imu_rig.calibration.known import Known, windows_with
 from imu_rig.calibration.multi_position import multi_position
 from imu_rig.calibration.paper_method import paper, paper_diagonal
 from imu_rig.calibration.result import (
@@ -29,10 +33,13 @@ from imu_rig.calibration.stills import (
     summarize,
     unbroken_windows,
 )
-from imu_rig.calibration.suspicion import at_limit
+from imu_rig.calibration.suspicion import MOVED, SATURATED_SHARE, at_limit
+from imu_rig.calibration.verification import Limits, Scatter, Verification, checks_of, verify
 from imu_rig.errors import DataError, InputError
 
 METHODS: dict[str, Callable[[Session], Outcome]] = {
+    "joint": joint,
+    "ferraris": ferraris,
     "multi-position": multi_position,
     "paper": paper,
     "paper-diagonal": paper_diagonal,
@@ -40,10 +47,6 @@ METHODS: dict[str, Callable[[Session], Outcome]] = {
 """Every solver by the name that options and certificates use."""
 
 DEFAULT_METHOD = "multi-position"
-SATURATED_SHARE = 0.05
-"""Part of a still's samples at the range limit beyond which its mean is worthless."""
-MOVED = 8.0
-"""Drift within a still, in its own standard errors, that means it moved."""
 WARMED_C = 3.0
 PLAUSIBLE_REST = (0.7, 1.4)
 """What an uncalibrated accelerometer may read at rest, over gravity."""
@@ -59,6 +62,8 @@ def solve(
     device: DeviceInfo | None = None,
     accel_limit: float | None = None,
     gyro_limit: float | None = None,
+    limits: Limits | None = None,
+    known: Known | None = None,
 ) -> CalibrationResult:
     """Calibrate accelerometer and gyroscope from a recording of still poses and moves.
 
@@ -79,6 +84,10 @@ def solve(
         Which sensor.
     accel_limit, gyro_limit : float, optional
         Range limits [m/s^2, rad/s]; recognized by repeated extremes where not given.
+    limits : Limits, optional
+        Largest errors with which commanded check poses pass; they never take part in the fit.
+    known : Known, optional
+        Facts that some methods need: named parts, known rates.
 
     Raises
     ------
@@ -90,9 +99,50 @@ def solve(
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
     local = Gravity.given(gravity) if isinstance(gravity, float | int) else gravity or Gravity()
+    facts = known or Known()
+    if windows is None and facts.face_parts:
+        found = find_stills(block)
+        windows = windows_with(facts.parts, np.stack((found.t0, found.t1), axis=1))
     session, warnings = _prepare(block, windows, local, commanded, accel_limit, gyro_limit)
+    session = replace(session, known=facts)
     outcome = METHODS[method](session)
-    return _result(session, outcome, method, device or DeviceInfo(), warnings)
+    result = _result(session, outcome, method, device or DeviceInfo(), warnings)
+    if commanded is None or not any(commanded.check):
+        return result
+    verification = _verification(
+        block, windows, commanded, result, limits or Limits(), accel_limit, gyro_limit
+    )
+    return replace(result, verification=verification)
+
+
+def _verification(
+    block: ImuBlock,
+    windows: Sequence[tuple[float, float]] | FloatArray | None,
+    commanded: CommandedPoses,
+    result: CalibrationResult,
+    limits: Limits,
+    accel_limit: float | None,
+    gyro_limit: float | None,
+) -> Verification:
+    spans = np.asarray(windows, dtype=float).reshape(-1, 2)
+    checks = checks_of(
+        block,
+        spans,
+        commanded.names or tuple(f"pose {i + 1}" for i in range(len(spans))),
+        np.array(commanded.check),
+        limits,
+        mounting=commanded.mounting,
+        accel_limit=accel_limit,
+        gyro_limit=gyro_limit,
+    )
+    return verify(
+        result.accel,
+        result.gyro,
+        checks,
+        result.gravity.value,
+        limits=limits,
+        scatter=Scatter.of(result.accel_errors, result.gyro_errors),
+    )
 
 
 def _prepare(
@@ -111,13 +161,24 @@ def _prepare(
         )
     names: tuple[str, ...] = ()
     broken: list[str] = []
+    place: IntArray | None = None
+    apart = np.zeros(len(block), dtype=bool)
     if windows is None:
         stills = find_stills(block)
     else:
         spans = np.asarray(windows, dtype=float).reshape(-1, 2)
         names = commanded.names if commanded is not None else ()
         names = names or tuple(f"pose {i + 1}" for i in range(len(spans)))
+        if commanded is not None:
+            apart = _kept_apart(block, spans, commanded)
+            fitted = ~np.array(commanded.check or (False,) * len(spans), dtype=bool)
+            if not fitted.any():
+                raise DataError("every pose is a check pose: nothing is left to calibrate from")
+            place = np.flatnonzero(fitted)
+            names = tuple(np.array(names, dtype=object)[fitted])
+            spans, commanded = spans[fitted], commanded.only(fitted)
         whole = unbroken_windows(block, spans)
+        place = np.arange(len(spans))[whole] if place is None else place[whole]
         broken = [
             f"{name} was set aside: samples are missing inside it."
             for name, keep in zip(names, whole, strict=True)
@@ -148,13 +209,30 @@ def _prepare(
         block=block,
         stills=kept,
         names=tuple(name for name, keep in zip(names, usable, strict=True) if keep),
-        order=np.flatnonzero(usable),
+        order=np.flatnonzero(usable) if place is None else place[usable],
         gravity=gravity,
         commanded=_commanded_of(commanded, usable),
-        gyro_bad=gyro_bad | frozen[:, None],
+        gyro_bad=gyro_bad | (frozen | apart)[:, None],
         has_gyro=bool(np.any(np.ptp(block.gyro, axis=0) > 0)),
     )
     return session, warnings
+
+
+def _kept_apart(block: ImuBlock, spans: FloatArray, commanded: CommandedPoses) -> BoolArray:
+    """Mark samples (n,) that no move of the fit may span.
+
+    Check poses, the moves to and from them, and the sensor's being turned over.
+    """
+    check = np.array(commanded.check or (False,) * len(spans), dtype=bool)
+    start = np.searchsorted(block.t, spans[:, 0], side="left")
+    stop = np.searchsorted(block.t, spans[:, 1], side="right")
+    apart = np.zeros(len(block), dtype=bool)
+    for i in np.flatnonzero(check):
+        apart[start[i] : stop[i]] = True
+    remounted = np.diff(commanded.mountings) != 0
+    for i in np.flatnonzero(check[1:] | check[:-1] | remounted):
+        apart[stop[i] : start[i + 1]] = True
+    return apart
 
 
 def _moved(stills: Stills, names: tuple[str, ...]) -> list[str]:
@@ -263,6 +341,13 @@ def _result(
             None if temperature is None else (float(temperature.min()), float(temperature.max()))
         ),
         warnings=(*warnings, *outcome.warnings),
+        accel_at_zero=outcome.accel_at_zero,
+        straightness=outcome.straightness,
+        jig=outcome.jig,
+        findings=tuple(
+            replace(f, poses=tuple(int(session.order[i]) for i in f.poses))
+            for f in outcome.findings
+        ),
     )
 
 

@@ -1,0 +1,212 @@
+"""Calibration on a jig that is not trusted: sensor and jig solved together.
+
+Gravity's magnitude and the gyroscope's turns determine the sensor; the commanded angles, with
+their own errors estimated beside it, determine how the sensor sits on the jig.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.calibration.direction import (
+    angles_off,
+    angles_turned,
+    errors_before,
+    gravity_directions,
+)
+from imu_rig.calibration.findings import Finding
+from imu_rig.calibration.gyro_bias import track_bias
+from imu_rig.calibration.joint_data import joint_data
+from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults
+from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, start
+from imu_rig.calibration.joint_model import G_SENSITIVITY, offsets
+from imu_rig.calibration.joint_result import (
+    gain_at_zero,
+    gyro_model,
+    jig_estimate,
+    leave_poses_out,
+    line_over_one_g,
+    straightness,
+    without_move,
+)
+from imu_rig.calibration.joint_tests import (
+    drift_finding,
+    drift_shows,
+    g_sensitivity_finding,
+    g_sensitivity_shows,
+    nonlinearity_findings,
+    with_drift,
+    with_g_sensitivity,
+)
+from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
+from imu_rig.calibration.model import Affine
+from imu_rig.calibration.moves import Moves, moves_between
+from imu_rig.calibration.multi_position import refuse_wrong_gyro
+from imu_rig.calibration.session import AccelOutcome, CommandedPoses, GyroOutcome, Outcome, Session
+from imu_rig.errors import DataError
+from imu_rig.units import DEG, MILLI_G
+
+NO_TRUST = 180.0 * DEG
+"""Standard deviation of the servos in a pose whose label counts for nothing."""
+SET_ASIDE = 1e3
+"""Factor on the noise of a still that the others contradict."""
+
+
+def joint(session: Session) -> Outcome:
+    """Solve a jig session for sensor and jig.
+
+    Raises
+    ------
+    DataError
+        No commanded angles, too few poses, or a gyroscope whose unit, rate or axes contradict
+        gravity.
+    """
+    stills = session.stills
+    if session.commanded is None:
+        raise DataError(
+            "method joint needs a jig's commanded angles; take multi-position for a sensor that "
+            "was turned by hand"
+        )
+    if len(stills) < UNKNOWNS:
+        raise DataError(
+            f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer; "
+            "run the session with a longer protocol, such as full"
+        )
+    radial = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
+    track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
+    moves = moves_between(session.block, stills, track.at_stills, session.gyro_bad)
+    if session.has_gyro:
+        refuse_wrong_gyro(moves.with_gravity(radial.affine.apply), track.at_stills)
+    solved = _solve(session, session.commanded, moves, radial)
+    return _outcome(session, solved)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The final fit, the stills (m,) it rests on, what was found, the session as corrected."""
+
+    fit: JointFit
+    usable: BoolArray
+    findings: tuple[Finding, ...]
+    session: Session
+
+
+def _solve(
+    session: Session, commanded: CommandedPoses, moves: Moves, radial: MagnitudeFit
+) -> _Solved:
+    names = session.names
+    findings = [_bad_still(session, radial, i) for i in np.flatnonzero(~radial.used).tolist()]
+    data = joint_data(session, commanded, moves)
+    data = replace(data, accel_sigma=data.accel_sigma * np.where(radial.used, 1.0, SET_ASIDE))
+    labels = check_labels(data, radial.affine, start(data, radial.affine), names)
+    findings += labels.findings
+    usable = labels.usable
+    names = tuple(name for name, keep in zip(names, usable, strict=True) if keep)
+    data = replace(data, angles=labels.angles).only(usable)
+    free = fit_joint(
+        data,
+        default_prior(data, servo=DISTRUST),
+        start(data, radial.affine),
+        components=False,
+    )
+    faults = find_jig_faults(free, names)
+    place = np.flatnonzero(usable)
+    findings += [replace(f, poses=tuple(int(place[i]) for i in f.poses)) for f in faults.findings]
+    begin = replace(free.state, deviation=free.state.deviation - (faults.angles - data.angles))
+    data = replace(data, angles=faults.angles)
+    prior = default_prior(data)
+    prior = replace(prior, servo=np.where(faults.distrusted[:, None], NO_TRUST, prior.servo))
+    fit = fit_joint(data, prior, begin)
+    if g_sensitivity_shows(fit):
+        prior = with_g_sensitivity(prior)
+        fit = fit_joint(data, prior, fit.state)
+        fit, session, G = _without_g_sensitivity(session, usable, fit)
+        findings.append(g_sensitivity_finding(G))
+    if drift_shows(fit):
+        prior = with_drift(fit.prior)
+        fit = fit_joint(fit.data, prior, fit.state)
+        findings.append(drift_finding(fit))
+    findings += nonlinearity_findings(fit)
+    return _Solved(fit, usable, tuple(findings), session)
+
+
+def _without_g_sensitivity(
+    session: Session, usable: BoolArray, fit: JointFit
+) -> tuple[JointFit, Session, FloatArray]:
+    """Take the estimated g-sensitivity off every sample and fit what is left of it.
+
+    The fit itself knows the force at both ends of a move only, not on the way.
+    """
+    G = fit.state.common[G_SENSITIVITY].reshape(3, 3)
+    block, stills = session.block, session.stills
+    feigned = G.T / session.gravity.value
+    block = replace(block, gyro=block.gyro - block.accel @ feigned)
+    stills = replace(stills, gyro_mean=stills.gyro_mean - stills.accel_mean @ feigned)
+    session = replace(session, block=block, stills=stills)
+    kept = stills.only(usable)
+    moves = moves_between(block, kept, kept.gyro_mean, session.gyro_bad)
+    same = np.isin(moves.first, fit.data.moves.first)
+    data = replace(fit.data, gyro=kept.gyro_mean, moves=moves.only(same))
+    common = fit.state.common.copy()
+    common[G_SENSITIVITY] = 0.0
+    fit = fit_joint(data, fit.prior, replace(fit.state, common=common))
+    return fit, session, G + fit.state.common[G_SENSITIVITY].reshape(3, 3)
+
+
+def _bad_still(session: Session, radial: MagnitudeFit, i: int) -> Finding:
+    times = abs(radial.left_out[i] / radial.left_out_sigma[i])
+    text = (
+        f"The pose {session.names[i].removeprefix('pose ')} was set aside: its gravity is off by "
+        f"{radial.left_out[i] / MILLI_G:.2f} mg, {times:.0f} times what noise and "
+        "parameters explain."
+    )
+    return Finding("bad still", text, (i,), size=float(radial.left_out[i] / MILLI_G))
+
+
+def _outcome(session: Session, solved: _Solved) -> Outcome:
+    fit, m = solved.fit, len(session.stills)
+    line = line_over_one_g(fit)
+    left_out = leave_poses_out(fit)
+    error, error_sigma = np.full(m, np.nan), np.full(m, np.nan)
+    error[solved.usable], error_sigma[solved.usable] = left_out.error, left_out.sigma
+    sigma = np.full(m, np.nan)
+    sigma[solved.usable] = fit.data.accel_sigma * fit.scales["accel"]
+    warnings = [f.text for f in solved.findings]
+    if not fit.converged:
+        warnings.append("The fit of sensor and jig did not settle; do not rely on its figures.")
+    if not session.has_gyro:
+        warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
+    return Outcome(
+        frame="sensor",
+        accel=AccelOutcome(line, sigma, error, error_sigma),
+        gyro=_gyro(solved, line) if session.has_gyro else None,
+        warnings=tuple(warnings),
+        accel_at_zero=gain_at_zero(fit),
+        straightness=straightness(fit),
+        jig=jig_estimate(fit),
+        findings=solved.findings,
+    )
+
+
+def _gyro(solved: _Solved, accel: Affine) -> GyroOutcome:
+    """Errors of gravity's direction over the moves, each also by a fit that never saw it."""
+    fit, session = solved.fit, solved.session
+    place = np.flatnonzero(solved.usable)
+    stills = session.stills.only(solved.usable)
+    moves = fit.data.moves
+    track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
+    where = gravity_directions(stills, moves, accel, track)
+    unseen = [fit.turned.moved_to(fit.data, without_move(fit, j))[j] for j in range(len(moves))]
+    return GyroOutcome(
+        affine=gyro_model(fit),
+        first=place[moves.first],
+        last=place[moves.last],
+        angle=angles_turned(moves, fit.state.K, offsets(fit.data, fit.state)),
+        before=errors_before(moves, stills, track),
+        after=angles_off(fit.turned.q, where),
+        held_out=angles_off(np.array(unseen).reshape(-1, 4), where),
+        sigma=np.sqrt(where.variance) * fit.scales["move"],
+    )
