@@ -243,6 +243,11 @@ class SimulatedRig:
             self.world.clear(device)
             self._match_plugs()
 
+    def remount(self, turn: tuple[float, float, float]) -> None:
+        """Put the sensor on the plate in another way; see `World.remount`."""
+        with self._lock:
+            self.world.remount(np.array(turn))
+
     def state(self) -> WorldState:
         """Return a picture of the world now."""
         with self._lock:

@@ -67,6 +67,11 @@ class Sampler:
         self._last_s = t_s
         self._partial = np.zeros(9)
 
+    def remount(self, jig: Jig) -> None:
+        """Go on with a jig on which the sensor sits in another way."""
+        self._jig = jig
+        self._rest = None
+
     def means(self, instants: FloatArray) -> Means:
         """Average up to each of the instants, and use up the steps collected so far.
 

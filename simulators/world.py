@@ -17,6 +17,7 @@ import numpy as np
 
 from firmware_protocols.layout import load_layout
 from imu_rig.arrays import FloatArray
+from imu_rig.rotation import from_rotation_vector, multiply, to_rotation_vector
 from imu_rig.units import DEG
 from simulators.config import RigConfig
 from simulators.faults import (
@@ -113,6 +114,7 @@ class World:
         )
         self.maestro = MaestroBoard(config.maestro, config.maestro_mode, rngs[6])
         self._pose_rng = rngs[7]
+        self._remount_rng = np.random.default_rng([config.seed, 2])
         self._wobble = [Follower(0.0, WOBBLE_BANDWIDTH_HZ) for _ in range(3)]
         self._joints: tuple[Servo | Follower, ...] = (*self.servos.values(), *self._wobble)
         self._steps = 0
@@ -178,6 +180,31 @@ class World:
         self.imu.catch_up(self.t_s)
         self._faults(device).clear()
         self._faults_changed(device)
+
+    def remount(self, turn: FloatArray) -> None:
+        """Put the sensor on the plate in another way, at once.
+
+        It sits as askew as before, in another direction; its first place is kept exactly.
+
+        Parameters
+        ----------
+        turn : shape (3,)
+            Nominal rotation vector of the sensor on the plate [rad].
+        """
+        self.imu.catch_up(self.t_s)
+        askew = np.array(self.config.jig.mounting_deg) * DEG
+        if np.any(turn):
+            size = float(np.linalg.norm(askew)) / math.sqrt(3.0)
+            askew = self._remount_rng.normal(0.0, size, 3)
+        mounted = multiply(from_rotation_vector(np.asarray(turn)), from_rotation_vector(askew))
+        x, y, z = (to_rotation_vector(mounted) / DEG).tolist()
+        self.jig = Jig(
+            self.config.jig.model_copy(update={"mounting_deg": (x, y, z)}),
+            gravity=self.config.gravity,
+            earth_rate=self.config.earth_rate,
+            field=self.config.field_ut,
+        )
+        self.imu.sampler.remount(self.jig)
 
     def state(self) -> WorldState:
         """Return a picture of this moment."""

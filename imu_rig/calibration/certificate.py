@@ -23,6 +23,7 @@ from imu_rig.calibration.certificate_parts import (
     PoseEntry,
     RecordingEntry,
     StagesEntry,
+    VerificationEntry,
 )
 from imu_rig.calibration.result import CalibrationResult
 from imu_rig.errors import DataError, InputError
@@ -64,6 +65,7 @@ class Certificate(Part):
     temperature_c: tuple[float, float] | None = None
     warnings: tuple[str, ...] = ()
     recording: RecordingEntry | None = None
+    verification: VerificationEntry | None = None
 
     @field_validator("version", mode="before")
     @classmethod
@@ -138,6 +140,7 @@ def certificate_of(
             temperature_c=result.temperature_c,
             warnings=result.warnings,
             recording=None if recording is None else RecordingEntry.of(*recording),
+            verification=VerificationEntry.of(result.verification),
         )
     except ValidationError as error:
         problem = sentence(error, "a certificate")

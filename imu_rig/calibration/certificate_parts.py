@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.gravity import PLAUSIBLE, Gravity
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import (
     DeviceInfo,
@@ -21,6 +21,7 @@ from imu_rig.calibration.result import (
     MoveRow,
     PoseRow,
 )
+from imu_rig.calibration.verification import CheckRow, Verification
 
 GAIN_LIMITS = (0.2, 5.0)
 """Gains of a nominally scaled sensor lie inside; anything else is a wrong unit or a wrong file."""
@@ -62,7 +63,7 @@ class DeviceEntry(Part):
 class GravityEntry(Part):
     """Gravity the accelerometer is scaled to [m/s^2] and where the figure comes from."""
 
-    value: float = Field(gt=9.0, lt=11.0)
+    value: float = Field(ge=PLAUSIBLE[0], le=PLAUSIBLE[1])
     source: str
     known: bool
 
@@ -238,6 +239,56 @@ class MoveEntry(Part):
             before=move.before_rad,
             after=move.after_rad,
             held_out=move.held_out_rad,
+        )
+
+
+class CheckEntry(Part):
+    """One check that the fit never saw: gravity's magnitude [m/s^2] or direction [rad]."""
+
+    kind: Literal["pose", "move"]
+    name: str
+    error: float | None = None
+    sigma: float | None = None
+    sigmas: float | None = None
+    limit: float = Field(gt=0)
+    sigma_limit: float = Field(gt=0)
+    void: str = ""
+
+    @staticmethod
+    def of(row: CheckRow) -> CheckEntry:
+        """Take over a check of a verification."""
+        return CheckEntry(
+            kind=row.kind,
+            name=row.name,
+            error=row.error,
+            sigma=row.sigma,
+            sigmas=row.sigmas,
+            limit=row.limit,
+            sigma_limit=row.sigma_limit,
+            void=row.void,
+        )
+
+
+class VerificationEntry(Part):
+    """Checks kept out of the fit, judged against limits [m/s^2, rad, standard deviations]."""
+
+    state: Literal["passed", "failed", "not verified"]
+    accel_limit: float = Field(gt=0)
+    turn_limit: float = Field(gt=0)
+    sigma_limit: float = Field(gt=0)
+    checks: tuple[CheckEntry, ...] = ()
+
+    @staticmethod
+    def of(verification: Verification | None) -> VerificationEntry | None:
+        """Take over a verification, if there is one."""
+        if verification is None:
+            return None
+        return VerificationEntry(
+            state=verification.state,
+            accel_limit=verification.limits.accel,
+            turn_limit=verification.limits.turn,
+            sigma_limit=verification.limits.sigma,
+            checks=tuple(CheckEntry.of(row) for row in verification.rows),
         )
 
 

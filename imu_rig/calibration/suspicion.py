@@ -17,6 +17,10 @@ AGREES = 15.0 * DEG
 is a few percent off and its axes a few degrees."""
 ENOUGH_TURN = 20.0 * DEG
 """Least turn that tells whether gyroscope and gravity agree."""
+SATURATED_SHARE = 0.05
+"""Part of a still's samples at the range limit beyond which its mean is worthless."""
+MOVED = 8.0
+"""Drift within a still, in its own standard errors, that means it moved."""
 FACTORS = (0.5, 2.0, 0.25, 4.0, 1.0 / DEG, DEG)
 
 

@@ -62,6 +62,14 @@ def calibrate(
         bool,
         typer.Option("--dry-run", help="Check protocol and jig, print the plan, move nothing."),
     ] = False,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes",
+            "-y",
+            help="Ask nothing: where the sensor must be turned over, stop, for --resume later.",
+        ),
+    ] = False,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Simulated hardware in place of --imu and --maestro.")
     ] = False,
@@ -139,6 +147,8 @@ def calibrate(
 
             simulated = stack.enter_context(simulated_session(setup, seed=seed, speed=speed))
             clock, setup = simulated.clock, simulated.setup
+            if resume is not None:
+                simulated.mount_for(resume)
             faults = FaultPlan(fault or [], simulated.rig, steps=len(plan.steps))
             watch = together(simulated.observe, faults)
         folder = resume.parent if resume is not None else sessions.new_folder(output)
@@ -151,6 +161,8 @@ def calibrate(
             quiet=quiet,
             ports=(f"--simulate --seed {seed}" if simulate else f"--imu {imu} --maestro {maestro}"),
             watch=watch,
+            hands=None if yes else simulated,
+            ask=not yes,
         )
         # a resumed session saw two simulations, whose offsets walked differently
         truth = simulated.truth() if simulated is not None and resume is None else None

@@ -109,10 +109,13 @@ def _table(progress: Progress) -> RenderableType:
         "session", Text.assemble((bar.ljust(BAR_WIDTH, "╌"), "cyan"), f" {done * 100:3.0f} %")
     )
     if progress.step:
-        table.add_row("pose", f"{progress.step} of {progress.steps}   {progress.name}")
+        kind = "check" if progress.kind == "check" else "pose"
+        table.add_row(kind, f"{progress.step} of {progress.steps}   {progress.name}")
     held = f"   {progress.held_s:.1f} of {progress.hold_s:.1f} s" if progress.held_s else ""
     if progress.state == "recovering":
         table.add_row("now", Text("waiting for a device to be well again", "yellow"))
+    elif progress.state == "remounting":
+        table.add_row("now", Text("parked; turn the IMU over, then press Enter", "yellow"))
     else:
         table.add_row("now", f"{progress.state}   sensor {still}{held}")
     trouble = "red" if progress.lost or progress.corrupt else "green"

@@ -11,10 +11,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imu_rig.cli.hands import TerminalHands
 from imu_rig.cli.live import SessionView, stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
 from imu_rig.errors import InputError, SessionStopped
-from imu_rig.session.progress import Progress, StopRequest, ignore
+from imu_rig.session.progress import Hands, Progress, StopRequest, ignore
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -61,10 +62,14 @@ def run_in_view(
     quiet: bool,
     ports: str,
     watch: Callable[[Progress], None] = ignore,
+    hands: Hands | None = None,
+    ask: bool = True,
 ) -> None:
     """Run a session with its live view; signals park the jig and close the file.
 
-    ``ports`` are the options by which a stopped session finds its hardware again.
+    ``ports`` are the options by which a stopped session finds its hardware again. ``hands`` turn
+    the sensor over where its mounting changes; by default a person at the terminal is asked,
+    unless ``ask`` says not to.
 
     Raises
     ------
@@ -88,6 +93,7 @@ def run_in_view(
                 clock,
                 resume=resume,
                 stop=stop,
+                hands=hands or (TerminalHands(view.notify) if ask else None),
                 observe=observe,
                 notify=view.notify,
             )
@@ -100,6 +106,8 @@ def _what_next(trial: Path, ports: str) -> str:
     from imu_rig.session.history import read_session
 
     session = read_session(open_trial(trial))
+    if session.protocol.only_checks:
+        return "A check takes less than a minute, so begin it anew."
     if not session.visits:
         return f"No pose was finished, so begin anew; what was received is kept in {trial}."
     return (

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from imu_rig.clock import Clock, ScaledClock, SystemClock
@@ -27,7 +28,7 @@ FAULT = re.compile(
 
 
 class SimulatedSession:
-    """A session pointed at a simulated rig that is being served.
+    """A session pointed at a simulated rig that is being served, with hands to turn its sensor.
 
     Attributes
     ----------
@@ -48,6 +49,25 @@ class SimulatedSession:
             self._last_ns = self.clock.now_ns()
             if not self._held:
                 self._held, self._first_ns = True, self._last_ns
+
+    def ask(self, request: str, turn: tuple[float, float, float]) -> bool:
+        """Turn the simulated sensor over."""
+        del request
+        self.rig.remount(turn)
+        return True
+
+    def mount_for(self, stopped: Path) -> None:
+        """Let the sensor sit as the next stop of a stopped session asks."""
+        from imu_rig.recording.reader import open_trial
+        from imu_rig.session.history import read_session
+
+        record = read_session(open_trial(stopped))
+        mounting = record.protocol.mounting_of_steps[record.next_step]
+        self.rig.remount(record.protocol.mounting_turns[mounting])
+
+    def ready(self) -> bool:
+        """At once."""
+        return True
 
     def truth(self) -> Truth:
         """Return what the sensor was, its walking offsets averaged while poses were held."""

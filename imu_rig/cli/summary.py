@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
     from imu_rig.calibration.model import PhysicalFigures
     from imu_rig.calibration.result import CalibrationResult, ErrorStages
+    from imu_rig.calibration.verification import Verification
     from imu_rig.report.facts import Truth
 
 MILLIRADIAN = 1e-3
@@ -27,13 +28,16 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     """
     from imu_rig.calibration.model import physical_figures
 
-    lines = [
+    lines = _failed(result.verification)
+    lines += [
         f"Calibration of {result.device.name or 'the sensor'} by {result.method} from "
         f"{len(result.poses)} poses and {len(result.moves)} moves",
         "",
     ]
     lines += _errors("gravity magnitude error, rms [mg]", result.accel_errors, MILLI_G)
     lines += _errors("gravity direction per move, rms [deg]", result.gyro_errors, DEG)
+    if result.verification is not None:
+        lines += ["", *verification_lines(result.verification)]
     lines.append("")
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
@@ -47,6 +51,37 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     lines += ["", *_paragraph(result.gravity.statement)]
     for warning in result.warnings:
         lines += ["", *_paragraph(warning, mark="! ")]
+    return lines
+
+
+def _failed(verification: Verification | None) -> list[str]:
+    """Return what must be read before anything else."""
+    if verification is None or verification.passed:
+        return []
+    return [*_paragraph(verification.headline, mark="!! "), ""]
+
+
+def verification_lines(verification: Verification) -> list[str]:
+    """Lines that tell how checks kept out of the fit ended."""
+    limits = verification.limits
+    lines = _paragraph(
+        f"{verification.headline} Limits: {limits.accel / MILLI_G:g} mg and "
+        f"{limits.turn / DEG:g} deg, and {limits.sigma:g} predicted standard deviations."
+    )
+    for label, kind, unit, name in (
+        ("check poses, gravity magnitude", "pose", MILLI_G, "mg"),
+        ("check moves, gravity direction", "move", DEG, "deg"),
+    ):
+        rows = [row for row in verification.rows if row.kind == kind]
+        found = [(abs(r.error), r.sigmas) for r in rows if r.error is not None and r.sigmas]
+        if found:
+            error, sigmas = (max(column) for column in zip(*found, strict=True))
+            lines.append(
+                f"  {label:39}{error / unit:.3f} {name} and {sigmas:.1f} std. dev. at most "
+                f"({len(found)} of {len(rows)} count)"
+            )
+    for reason in verification.reasons:
+        lines += _paragraph(reason, mark="! ")
     return lines
 
 

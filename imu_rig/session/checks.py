@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +24,16 @@ HOLE_S = 0.1  # in their times
 SAME_DIRECTION_DEG = 12.0
 SAME_SIZE_MG = 25.0
 SAME_BIAS_DPS = 1.0
+MOUNTING_TOLERANCE_DEG = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What a sensor read at rest: mean (3,) [m/s^2], the jig's pose, and its mounting [rad]."""
+
+    accel: FloatArray
+    pose: Pose
+    mounting: FloatArray
 
 
 def attitude(pose: Pose) -> FloatArray:
@@ -129,6 +140,65 @@ def another_sensor(name: str, before: Visit, now: ImuBlock) -> str | None:
         f"({', '.join(found)}): this is another sensor, or it is mounted in another way; begin a "
         "new session for it."
     )
+
+
+def wrong_mounting(
+    name: str, reference: Reference, now: ImuBlock, pose: Pose, mounting: FloatArray
+) -> str | None:
+    """Say what is wrong if gravity does not stand where another mounting should have brought it.
+
+    Parameters
+    ----------
+    name : str
+        Of the sensor.
+    reference : Reference
+        What the sensor read in a known pose and mounting.
+    now : ImuBlock
+        The sensor at rest.
+    pose : Pose
+        Where the jig stands.
+    mounting : shape (3,)
+        Nominal rotation vector of the sensor on the plate that is wanted [rad].
+    """
+    up = _attitude_of(reference.pose, reference.mounting) @ reference.accel
+    expected = _attitude_of(pose, mounting).T @ up
+    seen = np.mean(now.accel, axis=0)
+    cosine = float(expected @ seen) / float(np.linalg.norm(expected) * np.linalg.norm(seen))
+    off = float(np.arccos(np.clip(cosine, -1.0, 1.0))) / DEG
+    if off <= MOUNTING_TOLERANCE_DEG:
+        return None
+    return (
+        f"{name} does not sit as this mounting asks: up is its {_axis_of(seen)} axis and should "
+        f"be its {_axis_of(expected)} axis ({off:.0f} deg off)."
+    )
+
+
+def other_readings(name: str, before: Visit, now: ImuBlock) -> str | None:
+    """Say what is wrong if a sensor that was turned over reads as another one.
+
+    Gravity stands elsewhere then; its size and the gyroscope's bias are the sensor's own. Its
+    uncalibrated scale and bias make the size differ between attitudes, so only much counts.
+    """
+    if before.gyro_mean is None:
+        return None
+    bias = float(np.max(np.abs(np.mean(now.gyro, axis=0) - before.gyro_mean))) / DEG
+    if bias <= SAME_BIAS_DPS:
+        return None
+    return (
+        f"{name}'s gyroscope bias differs by {bias:.1f} deg/s from that of the session's sensor: "
+        "this is another sensor; begin a new session for it."
+    )
+
+
+def _attitude_of(pose: Pose, mounting: FloatArray) -> FloatArray:
+    mounted = rotation.to_matrix(rotation.from_rotation_vector(np.asarray(mounting)))
+    turned: FloatArray = attitude(pose) @ mounted
+    return turned
+
+
+def _axis_of(direction: FloatArray) -> str:
+    axis = int(np.argmax(np.abs(direction)))
+    return ("+" if direction[axis] > 0 else "-") + "xyz"[axis]
 
 
 def silence(imu: ImuDevice) -> str:

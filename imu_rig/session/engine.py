@@ -28,7 +28,14 @@ from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
 from imu_rig.session.history import Visit
 from imu_rig.session.plan import PlannedStep, SessionPlan, Stage, plan_move
-from imu_rig.session.progress import Progress, SessionOutcome, StopRequest, ignore
+from imu_rig.session.progress import (
+    Hands,
+    NoHands,
+    Progress,
+    SessionOutcome,
+    StopRequest,
+    ignore,
+)
 from imu_rig.session.protocol import AxisName, Pose
 from imu_rig.session.stillness import WINDOW_S, StillnessMonitor, scatter
 from imu_rig.session.watch import POLL_S, Watch
@@ -82,6 +89,9 @@ class SessionEngine:
     before : Visit, optional
         A finished stop of the session that goes on: it is held once more and compared, so that
         another sensor or mounting is not taken for the one the session began with.
+    hands : Hands, optional
+        Who turns the sensor over where the protocol changes its mounting; without, the session
+        stops there.
     """
 
     def __init__(
@@ -97,11 +107,15 @@ class SessionEngine:
         stop: StopRequest | None = None,
         first_step: int = 0,
         before: Visit | None = None,
+        hands: Hands | None = None,
     ) -> None:
         self.outcome = SessionOutcome()
         self._plan, self._jig, self._imu, self._clock = plan, jig, imu, clock
         self._first_step = first_step
         self._before = before
+        self._hands = hands or NoHands()
+        self._mounting = 0 if before is None else before.mounting
+        self._reference: checks.Reference | None = None
         self._stop = stop or StopRequest()
         self._watch = Watch(
             jig, imu, trial, clock, self._stop, observe, notify, steps=len(plan.steps)
@@ -131,7 +145,7 @@ class SessionEngine:
             self._warn_of_released_servos()
             self._park(PARK_PATIENCE_S)
             self._measure_rest()
-            if self._before is not None:
+            if self._before is not None and not self._was_remounted(self._before):
                 self._compare_with_before(self._before)
             for step in self._plan.steps[self._first_step :]:
                 self._visit_persistently(step)
@@ -157,6 +171,8 @@ class SessionEngine:
     def _visit_persistently(self, step: PlannedStep) -> None:
         for attempt in range(1 + MAX_RECOVERIES_PER_STEP):
             try:
+                if step.mounting != self._mounting:
+                    self._remount(step)
                 self._visit(step)
                 return
             except DeviceError as fault:
@@ -166,7 +182,9 @@ class SessionEngine:
 
     def _visit(self, step: PlannedStep) -> None:
         watch = self._watch
-        watch.tell(step=step.index + 1, name=step.name, hold_s=step.hold_s, held_s=0.0)
+        watch.tell(
+            step=step.index + 1, name=step.name, kind=step.kind, hold_s=step.hold_s, held_s=0.0
+        )
         watch.event("step", index=step.index, name=step.name, pose=step.pose.angles())
         stages, approach = self._way_to(step)
         turns = [self._travel(stage, last=stage is stages[-1]) for stage in stages]
@@ -180,6 +198,7 @@ class SessionEngine:
             index=step.index,
             name=step.name,
             kind=step.kind,
+            mounting=step.mounting,
             commanded_deg=step.pose.angles(),
             reported_deg={axis: round(angle, 3) for axis, angle in reported.items()},
             approach=approach,
@@ -192,7 +211,7 @@ class SessionEngine:
             turns=turns,
         )
         self._monitor.follow_bias(still.block)
-        self._last_still = (step.pose, still)
+        self._remember(step.pose, still)
         self._position = step.pose
         watch.keep_only(still.block)
         self.outcome.finished.append(step.index)
@@ -209,9 +228,71 @@ class SessionEngine:
         problem = checks.another_sensor(self._imu.name, before, still.block)
         if problem is not None:
             raise SessionStopped(problem)
-        self._last_still = (step.pose, still)
+        self._remember(step.pose, still)
         self._watch.keep_only(still.block)
         self._position = step.pose
+
+    # --- mountings ----------------------------------------------------------------------------
+
+    def _remount(self, step: PlannedStep) -> None:
+        """Park, have the sensor turned over, and see that gravity stands where it should."""
+        watch, protocol = self._watch, self._plan.protocol
+        mounting, turn = protocol.mountings[step.mounting], protocol.mounting_turns[step.mounting]
+        self._park(PARK_PATIENCE_S)
+        what = mounting.instruction or f"Fix the IMU as mounting '{mounting.name}' asks."
+        watch.tell(state="remounting", step=step.index + 1, name=mounting.name, held_s=0.0)
+        problem: str | None = None
+        while True:
+            watch.event("remounting", mounting=step.mounting, name=mounting.name)
+            words = what if problem is None else f"{problem} {what}"
+            if not self._hands.ask(words, turn):
+                raise SessionStopped(
+                    f"The sensor must be turned over now: {words} Then go on with the session."
+                )
+            while not self._hands.ready():
+                watch.check_stop()
+                watch.take_samples()
+                watch.forget()
+                self._clock.sleep(POLL_S)
+            rest = self._rest_again()
+            if self._reference is None:
+                break
+            problem = checks.wrong_mounting(
+                self._imu.name, self._reference, rest.block, self._position, np.array(turn)
+            )
+            if problem is None:
+                break
+        watch.event("remounted", mounting=step.mounting, name=mounting.name)
+        self._mounting = step.mounting
+
+    def _rest_again(self) -> _Still:
+        """Wait for the sensor, whose cable hands may have pulled, and for its rest."""
+        self._reconnect()
+        self._measure_rest()
+        if self._last_still is None:
+            raise RuntimeError("the sensor's rest was measured just now")
+        return self._last_still[1]
+
+    def _was_remounted(self, before: Visit) -> bool:
+        """Whether the sensor was turned over between a stopped session and its resumption."""
+        steps = self._plan.steps[self._first_step :]
+        if not steps or steps[0].mounting == before.mounting or before.accel_mean is None:
+            return False
+        turns, rest = self._plan.protocol.mounting_turns, self._last_still
+        if rest is None:
+            return False
+        then = checks.Reference(
+            np.array(before.accel_mean), before.commanded_deg, np.array(turns[before.mounting])
+        )
+        now, wanted = rest[1].block, np.array(turns[steps[0].mounting])
+        if checks.wrong_mounting(self._imu.name, then, now, self._position, wanted) is not None:
+            return False
+        problem = checks.other_readings(self._imu.name, before, now)
+        if problem is not None:
+            raise SessionStopped(problem)
+        self._mounting = steps[0].mounting
+        self._watch.event("remounted", mounting=self._mounting)
+        return True
 
     def _way_to(self, step: PlannedStep) -> tuple[tuple[Stage, ...], dict[AxisName, int]]:
         """Plan the way from where the jig stands, which after a recovery is its park pose."""
@@ -451,6 +532,13 @@ class SessionEngine:
             self._imu.reopen()
         self._jig.recover()
         self._watch.await_fresh_data()
+
+    def _remember(self, pose: Pose, still: _Still) -> None:
+        """Keep a finished still: the next turn begins there, and gravity is known there."""
+        turn = self._plan.protocol.mounting_turns[self._mounting]
+        self._last_still = (pose, still)
+        mean = np.mean(still.block.accel, axis=0)
+        self._reference = checks.Reference(mean, pose, np.array(turn))
 
     # --- small things -------------------------------------------------------------------------
 

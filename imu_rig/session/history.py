@@ -6,7 +6,7 @@ Events come from a file and are checked like any other input from outside.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -14,7 +14,7 @@ from firmware_protocols.layout import LayoutError, PacketLayout
 from imu_rig.devices.jig import JigConfig
 from imu_rig.errors import InputError
 from imu_rig.recording.reader import Trial
-from imu_rig.session.protocol import AxisName, JigProtocol, Pose
+from imu_rig.session.protocol import MOST_MOUNTINGS, AxisName, JigProtocol, Pose, StepKind
 
 SESSION_KIND = "calibration-session"
 IMU_SOURCE = "imu"
@@ -40,12 +40,12 @@ class Visit(_Event):
     """One stop that was held still to its end.
 
     ``still_s`` is its interval in trial time [s]; ``accel_mean`` [m/s^2] and ``gyro_mean``
-    [rad/s] are what the sensor read there.
+    [rad/s] are what the sensor read there, ``mounting`` counts from 0.
     """
 
     index: Annotated[int, Field(ge=0, le=2000)]
     name: Annotated[str, Field(max_length=80)]
-    kind: Literal["pose", "rotation"]
+    kind: StepKind
     commanded_deg: Pose
     reported_deg: dict[AxisName, Finite] = {}
     approach: dict[AxisName, int] = {}
@@ -53,6 +53,7 @@ class Visit(_Event):
     gyro_mean: tuple[Finite, Finite, Finite] | None = None
     still_s: tuple[Finite, Finite]
     turns: Annotated[tuple[Turn, ...], Field(max_length=6)] = ()
+    mounting: Annotated[int, Field(ge=0, lt=MOST_MOUNTINGS)] = 0
 
 
 @dataclass(frozen=True)

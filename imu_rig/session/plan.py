@@ -36,6 +36,9 @@ class Stage:
 class PlannedStep:
     """One stop: where, how to get there from the stop before, and how long to hold.
 
+    In another ``mounting`` (counted from 0) than that of the stop before, the way begins at the
+    park pose, where the sensor is turned over.
+
     ``approach`` gives the direction in which each moving axis arrives: +1 from below, -1 from
     above where the limits leave no room to overshoot.
     """
@@ -48,6 +51,7 @@ class PlannedStep:
     stages: tuple[Stage, ...]
     approach: Mapping[AxisName, int]
     duration_s: float
+    mounting: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,11 +84,16 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
     """
     poses = _absolute_poses(protocol)
     _check_limits(protocol, jig, poses)
-    position = park_pose(jig)
+    position, mounting = park_pose(jig), 0
     steps = []
-    for index, (step, pose) in enumerate(zip(protocol.steps, poses, strict=True)):
+    described = zip(protocol.steps, poses, protocol.mounting_of_steps, strict=True)
+    for index, (step, pose, mounted) in enumerate(described):
+        travel = 0.0
+        if mounted != mounting:
+            travel = jig.travel_time(position.angles(), park_pose(jig).angles())
+            position, mounting = park_pose(jig), mounted
         stages, approach = plan_move(position, pose, jig, protocol.order)
-        travel = sum(travel_time(jig, stage) for stage in stages)
+        travel += sum(travel_time(jig, stage) for stage in stages)
         pauses = max(0, len(stages) - 1) * protocol.pause_s + len(stages) * ARRIVAL_S
         hold = protocol.hold_of(step)
         steps.append(
@@ -97,6 +106,7 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
                 stages=stages,
                 approach=approach,
                 duration_s=travel + pauses + hold,
+                mounting=mounted,
             )
         )
         position = pose

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class Progress:
     step: int = 0
     steps: int = 0
     name: str = ""
+    kind: str = "pose"
     motion: float = float("inf")
     held_s: float = 0.0
     hold_s: float = 0.0
@@ -39,6 +41,40 @@ class SessionOutcome:
     notices: list[str] = field(default_factory=list)
     recoveries: int = 0
     elapsed_s: float = 0.0
+
+
+class Hands(Protocol):
+    """Whoever turns the sensor over when a session asks for it.
+
+    Asked once per request; `ready` is then looked at many times a second and must return at once.
+    """
+
+    def ask(self, request: str, turn: tuple[float, float, float]) -> bool:
+        """Ask to bring the sensor into another mounting; False where nobody can do it now.
+
+        Parameters
+        ----------
+        request : str
+            What to do, in words.
+        turn : three numbers
+            Nominal rotation vector of the sensor on the plate [rad].
+        """
+
+    def ready(self) -> bool:
+        """Whether it is done."""
+
+
+class NoHands:
+    """Nobody is there."""
+
+    def ask(self, request: str, turn: tuple[float, float, float]) -> bool:
+        """Decline."""
+        del request, turn
+        return False
+
+    def ready(self) -> bool:
+        """Never."""
+        return False
 
 
 class StopRequest:

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from imu_rig.errors import InputError
 from imu_rig.files import parse_toml, read_small
 from imu_rig.validation import sentence
 
 MAX_PROTOCOL_BYTES = 64 * 1024
+MOST_MOUNTINGS = 6
 DEFAULT_PROTOCOL = "full"
+CHECK_PROTOCOL = "check"
 
 AxisName = Literal["pan", "tilt", "roll"]
+StepKind = Literal["pose", "rotation", "check"]
 AXIS_NAMES: tuple[AxisName, ...] = ("pan", "tilt", "roll")
 Angle = Annotated[float, Field(ge=-720, le=720, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0, le=600, allow_inf_nan=False)]
+AxisPart = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
 
 
 class Pose(BaseModel):
@@ -38,12 +50,59 @@ class Pose(BaseModel):
         return f"pan {self.pan:+.0f}° tilt {self.tilt:+.0f}° roll {self.roll:+.0f}°"
 
 
+class CheckLimits(BaseModel):
+    """Largest errors with which a calibration passes its own check poses.
+
+    ``accel_mg`` bounds the error of gravity's magnitude in a check pose, ``turn_deg`` that of its
+    direction after a move to or from one, ``sigma`` either in predicted standard deviations.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    accel_mg: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
+    turn_deg: Annotated[float, Field(gt=0, le=90, allow_inf_nan=False)] = 0.3
+    sigma: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 4.0
+
+
+class Mounting(BaseModel):
+    """How the sensor sits on the plate: what a person is told, and the nominal rotation.
+
+    The sensor stands on the plate turned by ``angle_deg`` about ``axis``, which is in the axes of
+    the plate (x is the roll axis, y the tilt axis, z up when the jig is parked level).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    instruction: Annotated[str, Field(max_length=400)] = ""
+    axis: tuple[AxisPart, AxisPart, AxisPart] = (0.0, 0.0, 1.0)
+    angle_deg: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] = 0.0
+
+    @field_validator("axis")
+    @classmethod
+    def _has_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not math.hypot(*axis) > 0.0:
+            raise ValueError("must not be zero")
+        return axis
+
+    def rotation_vector(self) -> tuple[float, float, float]:
+        """Nominal rotation of the sensor on the plate [rad]."""
+        scale = math.radians(self.angle_deg) / math.hypot(*self.axis)
+        x, y, z = self.axis
+        return x * scale, y * scale, z * scale
+
+
 class Step(BaseModel):
     """One stop of a session; an axis that is left out stays where the step before put it.
 
     A step with ``kind = "pose"`` is a static pose: held still for ``hold_s``, it counts for the
-    accelerometer and for the gyroscope's bias. One with ``kind = "rotation"`` exists for the turn
-    that leads to it: it is held only as long as the turn's end needs to be measured.
+    accelerometer and for the gyroscope's bias. One with ``kind = "check"`` is held likewise and
+    kept out of the fit, with the moves to and from it, to verify the calibration. One with
+    ``kind = "rotation"`` exists for the turn that leads to it: it is held only as long as the
+    turn's end needs to be measured.
+
+    ``mounting`` counts the protocol's mountings from 1 and stays, like an angle, until another is
+    named; before its first step the jig parks and waits for the sensor to be turned over.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -51,8 +110,9 @@ class Step(BaseModel):
     pan: Angle | None = None
     tilt: Angle | None = None
     roll: Angle | None = None
-    kind: Literal["pose", "rotation"] = "pose"
+    kind: StepKind = "pose"
     hold_s: Seconds | None = None
+    mounting: Annotated[int, Field(ge=1, le=MOST_MOUNTINGS)] | None = None
     name: Annotated[str, Field(max_length=80)] | None = None
 
 
@@ -76,6 +136,8 @@ class JigProtocol(BaseModel):
     pause_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.3
     order: tuple[tuple[AxisName, ...], ...] = (("pan", "tilt"), ("roll",))
     steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=2000)]
+    limits: CheckLimits = CheckLimits()
+    mountings: Annotated[tuple[Mounting, ...], Field(max_length=MOST_MOUNTINGS)] = ()
 
     @model_validator(mode="after")
     def _every_axis_once(self) -> JigProtocol:
@@ -83,6 +145,36 @@ class JigProtocol(BaseModel):
         if sorted(named) != sorted(AXIS_NAMES):
             raise ValueError("order must name pan, tilt and roll exactly once")
         return self
+
+    @model_validator(mode="after")
+    def _every_mounting_described(self) -> JigProtocol:
+        most = max((step.mounting or 1 for step in self.steps), default=1)
+        if most > max(1, len(self.mountings)):
+            raise ValueError(
+                f"a step names mounting {most}, and {len(self.mountings)} are described: add it "
+                "to mountings"
+            )
+        return self
+
+    @property
+    def mounting_of_steps(self) -> tuple[int, ...]:
+        """Mounting of every step, counted from 0."""
+        current, found = 0, []
+        for step in self.steps:
+            current = current if step.mounting is None else step.mounting - 1
+            found.append(current)
+        return tuple(found)
+
+    @property
+    def mounting_turns(self) -> tuple[tuple[float, float, float], ...]:
+        """Nominal rotation vector of every mounting [rad]; one of none where none is described."""
+        turns = tuple(mounting.rotation_vector() for mounting in self.mountings)
+        return turns or ((0.0, 0.0, 0.0),)
+
+    @property
+    def only_checks(self) -> bool:
+        """Whether the protocol checks a certificate and calibrates nothing."""
+        return all(step.kind == "check" for step in self.steps)
 
     def hold_of(self, step: Step) -> float:
         """Seconds that ``step`` is held, settling included."""

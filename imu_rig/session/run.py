@@ -18,7 +18,7 @@ from imu_rig.recording.writer import TrialWriter
 from imu_rig.session.engine import SessionEngine
 from imu_rig.session.history import IMU_SOURCE, MAESTRO_SOURCE, read_session, session_config
 from imu_rig.session.plan import SessionPlan, plan_session
-from imu_rig.session.progress import Progress, SessionOutcome, StopRequest, ignore
+from imu_rig.session.progress import Hands, Progress, SessionOutcome, StopRequest, ignore
 from imu_rig.session.protocol import JigProtocol
 
 
@@ -83,6 +83,7 @@ def run_session(
     *,
     resume: bool = False,
     stop: StopRequest | None = None,
+    hands: Hands | None = None,
     observe: Callable[[Progress], None] = ignore,
     notify: Callable[[str], None] = lambda sentence: None,
 ) -> SessionOutcome:
@@ -152,6 +153,7 @@ def run_session(
                 stop=stop,
                 first_step=0 if begun is None else begun.next_step,
                 before=finished_before,
+                hands=hands,
             )
             outcome = engine.run()
             reason = "complete"

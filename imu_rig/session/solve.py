@@ -10,10 +10,12 @@ from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo
 from imu_rig.calibration.session import CommandedPoses, CommandedTurn
 from imu_rig.calibration.solve import DEFAULT_METHOD, METHODS, solve
+from imu_rig.calibration.verification import Limits
 from imu_rig.errors import DataError, InputError
 from imu_rig.recording.reader import Trial
 from imu_rig.session.history import IMU_SOURCE, SessionRecord, Visit, read_session
-from imu_rig.session.protocol import JigProtocol, Pose
+from imu_rig.session.protocol import CheckLimits, JigProtocol, Pose
+from imu_rig.units import DEG, MILLI_G
 
 EDGE_S = 0.05  # cut off both ends of a hold: live and final clock fit differ by milliseconds
 
@@ -63,6 +65,11 @@ def solve_session(
             f"{trial.path} holds no finished pose yet; go on with the session first: "
             f"imu-rig calibrate --resume {trial.path}"
         )
+    if session.protocol.only_checks:
+        raise DataError(
+            f"{trial.path} holds a check of a sensor, from which nothing can be calibrated: "
+            f"compare it with the sensor's certificate: imu-rig verify CERTIFICATE {trial.path}"
+        )
     try:
         return _solve(block, session, visits, method, gravity)
     except DataError as error:
@@ -90,22 +97,32 @@ def _solve(
         commanded=CommandedPoses(
             np.array([_degrees(v.commanded_deg) for v in visits]),
             tuple(f"{v.index + 1}: {v.name}" for v in visits),
-            tuple(turn for v in visits for turn in _driven_turns(v)),
+            tuple(turn for v in visits for turn in _driven_turns(v, session.protocol)),
+            mounting=tuple(v.mounting for v in visits),
+            mounting_turns=session.protocol.mounting_turns,
+            check=tuple(v.kind == "check" for v in visits),
         ),
+        limits=limits_of(session.protocol.limits),
         device=DeviceInfo(session.device, session.serial, session.layout.name),
     )
 
 
-def _driven_turns(visit: Visit) -> list[CommandedTurn]:
+def limits_of(stated: CheckLimits) -> Limits:
+    """Limits of a protocol file in SI units."""
+    return Limits(stated.accel_mg * MILLI_G, stated.turn_deg * DEG, stated.sigma)
+
+
+def _driven_turns(visit: Visit, protocol: JigProtocol) -> list[CommandedTurn]:
     """Return the driven stages of the way to a stop.
 
     Each lasts until the next begins, and the last until the hold: a servo goes on for a moment
     after its controller reports arrival.
     """
+    mounted = protocol.mounting_turns[visit.mounting]
     begins = [turn.t_s[0] for turn in visit.turns]
     ends = [*begins[1:], visit.still_s[0]][: len(begins)]
     return [
-        CommandedTurn(begin, end, _degrees(turn.from_deg), _degrees(turn.to_deg))
+        CommandedTurn(begin, end, _degrees(turn.from_deg), _degrees(turn.to_deg), mounted)
         for begin, end, turn in zip(begins, ends, visit.turns, strict=True)
     ]
 

@@ -168,6 +168,10 @@ class Watch:
         """Forget all samples but these."""
         self._kept = [block]
 
+    def forget(self) -> None:
+        """Forget all samples, while nothing is measured."""
+        self._kept = []
+
     @property
     def elapsed_s(self) -> float:
         """Time since the watch began [s]."""

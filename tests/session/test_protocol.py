@@ -15,10 +15,12 @@ def test_every_builtin_protocol_loads_under_its_own_name(name: str) -> None:
 
 def test_the_default_is_the_studied_list_of_24_poses() -> None:
     protocol = load_protocol("full")
-    assert len(protocol.steps) == 24
+    fitted = [step for step in protocol.steps if step.kind == "pose"]
+    assert len(fitted) == 24
+    assert protocol.steps[:24] == tuple(fitted)
     assert protocol.hold_s == 2.0
     pose, poses = {"pan": 0.0, "tilt": 0.0, "roll": 0.0}, []
-    for step in protocol.steps:
+    for step in fitted:
         pose |= {a: getattr(step, a) for a in pose if getattr(step, a) is not None}
         poses.append(dict(pose))
     rings = [(p["pan"], p["roll"]) for p in poses[::3]]
@@ -55,6 +57,9 @@ def test_a_rotation_is_held_shorter_than_a_pose() -> None:
         ('name = "x"\nsteps = [{ yaw = 3 }]', "steps.1.yaw"),
         ('name = "x"\nhold_s = -1\nsteps = [{ pan = 0 }]', "hold_s"),
         ('name = "x"\norder = [["pan"]]\nsteps = [{ pan = 0 }]', "order"),
+        ('name = "x"\nsteps = [{ pan = 0, mounting = 2 }]', "mounting 2"),
+        ('name = "x"\nsteps = [{ pan = 0 }]\n[limits]\naccel_mg = 0', "limits.accel_mg"),
+        ('name = "x"\nsteps = [{ pan = 0 }]\n[[mountings]]\naxis = [0, 0, 0]', "mountings"),
     ],
 )
 def test_a_mistake_is_named_with_file_and_field(tmp_path: Path, text: str, words: str) -> None:
