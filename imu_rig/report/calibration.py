@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shlex
 
-from matplotlib.figure import Figure
-
 from imu_rig import __version__
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.result import CalibrationResult, ErrorStages
@@ -14,15 +12,17 @@ from imu_rig.report.facts import SessionSummary, Truth
 from imu_rig.report.numbers import MISSING, counted, duration, fixed, significant
 from imu_rig.report.page import (
     Html,
+    card,
     document,
     element,
     facts,
     folded,
+    header,
     section,
     write_report,
 )
 from imu_rig.report.parameters import ParameterGroup, Sensor, compare_with_truth, sensors
-from imu_rig.report.svg import inline, report_style
+from imu_rig.report.svg import Figures, report_style
 from imu_rig.report.tables import (
     matrix_code,
     matrix_table,
@@ -84,12 +84,7 @@ def _header(title: str, result: CalibrationResult, certificate: Certificate | No
     named = [device.name or "unnamed sensor"]
     named += [f"serial {device.serial}"] if device.serial else []
     named += [f"{certificate.date:%Y-%m-%d %H:%M %Z}"] if certificate is not None else []
-    return element(
-        "header",
-        element("p", "imu-rig · inertial sensor calibration", class_="eyebrow"),
-        element("h1", title),
-        element("p", " · ".join(named), class_="subtitle"),
-    )
+    return header("inertial sensor calibration", title, " · ".join(named))
 
 
 def _verdict(words: Verdict) -> Html:
@@ -117,31 +112,20 @@ def _cards(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
 def _error_card(label: str, errors: ErrorStages, unit: float, name: str, each: str) -> Html:
     shown = errors.held_out or errors.after
     if shown is None:
-        return _card(label, MISSING, "", "not determined")
+        return card(label, MISSING, "", "not determined")
     kind = "left out of the fit" if errors.held_out else "in the fit itself: no proof of accuracy"
     about = f"rms over {counted(shown.count, each)} {kind}"
     if errors.before is not None:
         about += f"; before: {significant(errors.before.rms / unit)} {name}"
-    return _card(label, significant(shown.rms / unit), name, about)
+    return card(label, significant(shown.rms / unit), name, about)
 
 
 def _uncertainty_card(sensor: Sensor, group: ParameterGroup) -> Html:
     label = f"{sensor.name} {group.name.lower().removesuffix(' error')} uncertainty"
     if group.largest_uncertainty == 0.0:
-        return _card(label, "fixed", "", "not estimated by this method")
+        return card(label, "fixed", "", "not estimated by this method")
     value = f"± {significant(group.largest_uncertainty, 2)}"
-    return _card(label, value, group.unit, "largest standard uncertainty of the axes")
-
-
-def _card(label: str, value: str, unit: str, about: str) -> Html:
-    shown = [Html(" "), element("small", unit)] if unit else []
-    return element(
-        "div",
-        element("div", label, class_="label"),
-        element("div", value, *shown, class_="value"),
-        element("div", about, class_="about"),
-        class_="card",
-    )
+    return card(label, value, group.unit, "largest standard uncertainty of the axes")
 
 
 def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
@@ -195,7 +179,7 @@ def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
 
 
 def _figures(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
-    drawn = _Figures()
+    drawn = Figures()
     with report_style():
         if result.poses:
             _draw_pose_figures(drawn, result)
@@ -233,24 +217,7 @@ def _figures(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
     return section("Evidence", element("div", *drawn.parts, class_="figures"), *folds)
 
 
-class _Figures:
-    """Figures with their captions, numbered in order."""
-
-    def __init__(self) -> None:
-        self.parts: list[Html] = []
-
-    def add(self, name: str, figure: Figure, title: str, caption: str) -> None:
-        heading = f"Figure {len(self.parts) + 1}. {title}."
-        self.parts.append(
-            element(
-                "figure",
-                inline(figure, name, title),
-                element("figcaption", element("b", heading), " ", caption),
-            )
-        )
-
-
-def _draw_pose_figures(drawn: _Figures, result: CalibrationResult) -> None:
+def _draw_pose_figures(drawn: Figures, result: CalibrationResult) -> None:
     ball = figures.sphere(result)
     if ball is not None:
         drawn.add(

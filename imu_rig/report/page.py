@@ -63,6 +63,28 @@ def table(
     return element("div", inner, class_=f"table {class_}".strip())
 
 
+def header(about: str, title: str, subtitle: str) -> Html:
+    """Return the head of a page; ``about`` says what the page is, beside the program's name."""
+    return element(
+        "header",
+        element("p", f"imu-rig · {about}", class_="eyebrow"),
+        element("h1", title),
+        element("p", subtitle, class_="subtitle"),
+    )
+
+
+def card(label: str, value: str, unit: str, about: str) -> Html:
+    """Return one figure that is seen first."""
+    shown = [Html(" "), element("small", unit)] if unit else []
+    return element(
+        "div",
+        element("div", label, class_="label"),
+        element("div", value, *shown, class_="value"),
+        element("div", about, class_="about"),
+        class_="card",
+    )
+
+
 def facts(pairs: Iterable[tuple[str, str]]) -> Html:
     """Return a list of named values."""
     return element(

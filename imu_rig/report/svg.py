@@ -15,7 +15,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from imu_rig.report.page import Html, text
+from imu_rig.report.page import Html, element, text
 
 WIDTH = 520.0
 """Width of every figure in user units; at full size one unit is one CSS pixel."""
@@ -92,6 +92,24 @@ def inline(figure: Figure, name: str, description: str) -> Html:
         f'<svg viewBox="0 0 {WIDTH:g} {height:g}" role="img" aria-label="{text(description)}">'
     )
     return Html(opening + drawing[drawing.index(">") + 1 :].strip())
+
+
+class Figures:
+    """Figures with their captions, numbered in order."""
+
+    def __init__(self) -> None:
+        self.parts: list[Html] = []
+
+    def add(self, name: str, figure: Figure, title: str, caption: str) -> None:
+        """Draw one more; ``name`` as for `inline`."""
+        heading = f"Figure {len(self.parts) + 1}. {title}."
+        self.parts.append(
+            element(
+                "figure",
+                inline(figure, name, title),
+                element("figcaption", element("b", heading), " ", caption),
+            )
+        )
 
 
 def _shortened(attribute: re.Match[str]) -> str:
