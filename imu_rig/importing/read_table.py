@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import InputError
 from imu_rig.importing.column_map import (
@@ -51,7 +51,9 @@ class _Plan:
         return sorted({*single, *(i for indices in triads for i in indices)})
 
 
-def read_table(path: Path | str, columns: ColumnMap | None = None) -> ImuBlock:
+def read_table(
+    path: Path | str, columns: ColumnMap | None = None, *, rows: IntArray | None = None
+) -> ImuBlock:
     """Read a CSV or white-space text table.
 
     Preamble and comment lines, header, delimiter and decimal sign are recognized; what the
@@ -65,6 +67,8 @@ def read_table(path: Path | str, columns: ColumnMap | None = None) -> ImuBlock:
         The file.
     columns : ColumnMap, optional
         What is known about the columns.
+    rows : shape (n,), optional
+        Order in which to take the rows of data.
 
     Raises
     ------
@@ -81,6 +85,8 @@ def read_table(path: Path | str, columns: ColumnMap | None = None) -> ImuBlock:
     )
     plan = _plan(source, form, stated)
     numbers = read_numbers(source, form, plan.wanted)
+    if rows is not None:
+        numbers = numbers[rows]
     place = {index: i for i, index in enumerate(plan.wanted)}
 
     def triad(found: Triad | None) -> FloatArray | None:
@@ -112,6 +118,15 @@ def read_table(path: Path | str, columns: ColumnMap | None = None) -> ImuBlock:
     )
     refuse_contradiction(str(source), block, units)
     return block
+
+
+def time_order(path: Path, form: Form, columns: ColumnMap) -> IntArray | None:
+    """Order (n,) of the rows by their time column; None where there is none."""
+    names = columns.columns or form.names
+    index, _ = _time_column(columns, names, form.columns)
+    if index is None:
+        return None
+    return np.asarray(np.argsort(read_numbers(path, form, [index])[:, 0], kind="stable"))
 
 
 def _signed(numbers: FloatArray, place: dict[int, int], triad: Triad) -> FloatArray:

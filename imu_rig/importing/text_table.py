@@ -142,6 +142,22 @@ def read_numbers(path: Path, form: Form, wanted: Sequence[int]) -> FloatArray:
     return np.concatenate(parts)
 
 
+def read_words(path: Path, form: Form, column: int) -> list[str]:
+    """Read one column as text, one word per row of data."""
+    words: list[str] = []
+    for first_line, lines in _pieces(path):
+        kept = lines[max(0, form.first_line - first_line) :]
+        for line in kept:
+            if line[:1] in _NUMBER_BEGINS or _is_content(line):
+                fields = form.split(line)
+                words.append(fields[column] if column < len(fields) else "")
+        if len(words) > MAXIMUM_ROWS:
+            raise InputError(
+                f"{path} holds more than {MAXIMUM_ROWS // 1_000_000} million rows: cut it up"
+            )
+    return words
+
+
 def line_of_row(path: Path, form: Form, row: int) -> int:
     """Return the line number, from 1, of a row of data."""
     passed = 0
