@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls  # type: ignore[import-untyped]
-from scipy.special import gammaincinv  # type: ignore[import-untyped]
+from scipy.optimize import nnls
+from scipy.special import gammaincinv
 
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.allan import KINDS, AllanCurve, Correlation, terms

@@ -11,7 +11,7 @@ import numpy as np
 import imu_rig
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
-from imu_rig.calibration.allan import KINDS, AllanCurve, Correlation, allan_curve
+from imu_rig.calibration.allan import AllanCurve, Correlation, allan_curve
 from imu_rig.calibration.allan_fit import AllanFit, Coefficient, fit_curve
 from imu_rig.calibration.certificate_parts import DeviceEntry, RecordingEntry
 from imu_rig.calibration.noise_model import AxisNoise, NoiseCoefficient, NoiseModel, SensorNoise
@@ -265,7 +265,6 @@ def _sensor_noise(axes: tuple[AxisCurve, AxisCurve, AxisCurve]) -> SensorNoise:
 def _axis_noise(curve: AllanCurve, fit: AllanFit) -> AxisNoise:
     quantization, white, flicker, walk, ramp = (_entry(c) for c in fit.coefficients)
     lowest = int(np.argmin(curve.deviation))
-    falling = _falls_to_the_end(curve, fit)
     return AxisNoise(
         white=white,
         instability=flicker,
@@ -274,14 +273,9 @@ def _axis_noise(curve: AllanCurve, fit: AllanFit) -> AxisNoise:
         ramp=ramp,
         floor=float(curve.deviation[lowest]),
         floor_s=float(curve.tau[lowest]),
-        falling=falling,
-        correlation_time_s=None if falling else _floor_time(curve, fit) / PEAK_TIME,
+        # A bias that is seen to walk is best modelled as a walk, whatever the time of the floor.
+        correlation_time_s=None if flicker.value is None else _floor_time(curve, fit) / PEAK_TIME,
     )
-
-
-def _falls_to_the_end(curve: AllanCurve, fit: AllanFit) -> bool:
-    """Whether nothing but white noise and quantization is seen."""
-    return all(fit.coefficients[KINDS.index(kind)].value is None for kind in KINDS[2:])
 
 
 def _floor_time(curve: AllanCurve, fit: AllanFit) -> float:
@@ -304,14 +298,12 @@ def _warnings(
     title: str, axes: tuple[AxisCurve, AxisCurve, AxisCurve], noise: SensorNoise, length: float
 ) -> list[str]:
     warnings = []
-    falling = "".join(letter for letter, axis in zip("xyz", noise, strict=True) if axis.falling)
-    if falling:
-        longest = axes[0].curve.tau[-1]
+    unknown = [c for c, axis in zip("xyz", noise, strict=True) if _only_white(axis)]
+    if unknown:
         warnings.append(
-            f"The record is too short to show the bias instability and the random walk of the "
-            f"{title} ({', '.join(falling)}): the Allan deviation still falls at the longest "
-            f"averaging time, {longest:.0f} s; only upper bounds are stated. Record longer than "
-            f"{_longer(length)}."
+            f"The record ({length / 60.0:.1f} min) is too short to determine the bias instability "
+            f"and the random walk of the {title} ({', '.join(unknown)}): upper bounds are stated "
+            f"instead. Record for {_longer(length)}."
         )
     drifting = [c for c, axis in zip("xyz", noise, strict=True) if axis.ramp.value is not None]
     if drifting:
@@ -336,5 +328,10 @@ def _warnings(
     return warnings
 
 
+def _only_white(axis: AxisNoise) -> bool:
+    """Whether nothing slower than white noise is determined."""
+    return all(c.value is None for c in (axis.instability, axis.walk, axis.ramp))
+
+
 def _longer(length: float) -> str:
-    return f"{length / 60.0:.0f} min" if length >= 600.0 else "10 min"
+    return "an hour" if length < 1800.0 else f"more than {2.0 * length / 3600.0:.0f} hours"

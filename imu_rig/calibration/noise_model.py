@@ -66,11 +66,9 @@ class AxisNoise(Part):
         Smallest Allan deviation of the record.
     floor_s : float
         Averaging time of ``floor`` [s].
-    falling : bool
-        Whether the deviation still falls at the longest averaging time.
     correlation_time_s : float or None
         Of the first-order Gauss-Markov process whose Allan deviation peaks where the sensor's is
-        smallest; None where the record is too short to show it.
+        smallest; None where the bias instability is not determined.
     """
 
     white: NoiseCoefficient
@@ -80,7 +78,6 @@ class AxisNoise(Part):
     ramp: NoiseCoefficient
     floor: float = Field(gt=0)
     floor_s: float = Field(gt=0)
-    falling: bool
     correlation_time_s: float | None = Field(default=None, gt=0)
 
 

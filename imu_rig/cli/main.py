@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn, TextIO
 import typer
 
 from imu_rig import __version__
-from imu_rig.cli import calibrate, demo, export, info, simulate, solve
+from imu_rig.cli import calibrate, certificate, demo, export, info, noise, simulate, solve
 from imu_rig.errors import ImuRigError, StorageError
 
 app = typer.Typer(
@@ -31,8 +31,10 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("solve")(solve.solve)
+app.command("noise")(noise.noise)
 app.command("info")(info.info)
 app.command("export")(export.export)
+app.add_typer(certificate.app, name="certificate")
 app.add_typer(simulate.app, name="simulate")
 
 

@@ -31,17 +31,19 @@ CERTIFICATE_NAME = "certificate.json"
 REPORT_NAME = "report.html"
 
 
-def new_folder(output: Path | None) -> Path:
+def new_folder(
+    output: Path | None, names: tuple[str, ...] = (TRIAL_NAME, CERTIFICATE_NAME, REPORT_NAME)
+) -> Path:
     """Make the folder of a session; one named by date and time where none was asked for.
 
     Raises
     ------
     InputError
-        If the folder holds a session already, or cannot be made.
+        If the folder holds a file of one of ``names`` already, or cannot be made.
     """
     folder = output or Path(f"imu-rig-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}")
     try:
-        for name in (TRIAL_NAME, CERTIFICATE_NAME, REPORT_NAME):
+        for name in names:
             if os.path.lexists(folder / name):
                 raise InputError(
                     f"{folder / name} exists already and is never overwritten: name another "

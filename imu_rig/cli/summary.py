@@ -48,9 +48,9 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
         if truth is not None and truth.gyro is not None:
             true = physical_figures(truth.gyro, truth.accel)
         lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
-    lines += ["", *_paragraph(result.gravity.statement)]
+    lines += ["", *paragraph(result.gravity.statement)]
     for warning in result.warnings:
-        lines += ["", *_paragraph(warning, mark="! ")]
+        lines += ["", *paragraph(warning, mark="! ")]
     return lines
 
 
@@ -58,13 +58,13 @@ def _failed(verification: Verification | None) -> list[str]:
     """Return what must be read before anything else."""
     if verification is None or verification.passed:
         return []
-    return [*_paragraph(verification.headline, mark="!! "), ""]
+    return [*paragraph(verification.headline, mark="!! "), ""]
 
 
 def verification_lines(verification: Verification) -> list[str]:
     """Lines that tell how checks kept out of the fit ended."""
     limits = verification.limits
-    lines = _paragraph(
+    lines = paragraph(
         f"{verification.headline} Limits: {limits.accel / MILLI_G:g} mg and "
         f"{limits.turn / DEG:g} deg, and {limits.sigma:g} predicted standard deviations."
     )
@@ -81,11 +81,12 @@ def verification_lines(verification: Verification) -> list[str]:
                 f"({len(found)} of {len(rows)} count)"
             )
     for reason in verification.reasons:
-        lines += _paragraph(reason, mark="! ")
+        lines += paragraph(reason, mark="! ")
     return lines
 
 
-def _paragraph(sentence: str, mark: str = "") -> list[str]:
+def paragraph(sentence: str, mark: str = "") -> list[str]:
+    """Break a sentence into indented lines; ``mark`` stands before the first."""
     return textwrap.wrap(
         sentence, 78, initial_indent="  " + mark, subsequent_indent="  " + " " * len(mark)
     )

@@ -1,0 +1,161 @@
+"""`imu-rig noise`: how noisy a sensor at rest is, from a recording of it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time as clock
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imu_rig.cli.options import (
+    AccelColumns,
+    AccelUnit,
+    Columns,
+    GyroColumns,
+    GyroUnit,
+    Json,
+    MagUnit,
+    MapFile,
+    Quiet,
+    Rate,
+    SensorName,
+    Serial,
+    TimeColumn,
+    TimeUnit,
+)
+from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.noise_model import NoiseModel
+
+MODEL_NAME = "noise.json"
+REPORT_NAME = "noise.html"
+SILENT_S = 2.0
+"""Work that takes longer shows how far it is."""
+LINE_S = 5.0
+
+
+def noise(
+    file: Annotated[Path, typer.Argument(help="A trial file, a CSV or white-space text.")],
+    map_file: MapFile = None,
+    columns: Columns = None,
+    rate: Rate = None,
+    accel: AccelColumns = None,
+    gyro: GyroColumns = None,
+    time: TimeColumn = None,
+    accel_unit: AccelUnit = None,
+    gyro_unit: GyroUnit = None,
+    mag_unit: MagUnit = None,
+    time_unit: TimeUnit = None,
+    sensor: Annotated[
+        str | None, typer.Option("--sensor", help="Which sensor of a trial with several.")
+    ] = None,
+    name: SensorName = "",
+    serial: Serial = "",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the noise model and the report."),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Find the noise of a sensor that lies still: random walks, bias instability, Allan plot."""
+    from imu_rig.calibration.noise import analyse_noise
+    from imu_rig.calibration.result import DeviceInfo
+    from imu_rig.errors import DataError, InputError
+
+    table = TableOptions(
+        map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit
+    )
+    progress = _Progress(quiet=quiet)
+    trial = open_if_trial(file, table)
+    if trial is not None:
+        from imu_rig.cli.info import require_one_imu
+
+        source = require_one_imu(trial, sensor)
+        block, digest = trial.imu(source), trial.sha256
+        device = DeviceInfo(name=name or source, serial=serial)
+    else:
+        if sensor is not None:
+            raise InputError(f"{file} is a table and holds one sensor: leave --sensor out.")
+        block, digest = read_block(file, table)
+        device = DeviceInfo(name=name or file.stem, serial=serial)
+    try:
+        analysis = analyse_noise(
+            block, device=device, recording=(file.name, digest), progress=progress.show
+        )
+    except DataError as error:
+        raise DataError(f"{file}: {error}.") from error
+    finally:
+        progress.end()
+    files: dict[str, str] = {}
+    if output is not None:
+        from imu_rig.cli.sessions import new_folder
+        from imu_rig.report.noise import noise_report
+        from imu_rig.report.page import write_report
+
+        folder = new_folder(output, (MODEL_NAME, REPORT_NAME))
+        analysis.model.save(folder / MODEL_NAME)
+        write_report(folder / REPORT_NAME, noise_report(analysis))
+        files = {"noise": str(folder / MODEL_NAME), "report": str(folder / REPORT_NAME)}
+    if as_json:
+        model = analysis.model.model_dump(mode="json", by_alias=True)
+        sys.stdout.write(json.dumps({"noise": model, "files": files}, allow_nan=False) + "\n")
+        return
+    for line in noise_lines(analysis.model):
+        sys.stdout.write(line + "\n")
+    for kind, path in files.items():
+        sys.stdout.write(f"  {kind:12}{path}\n")
+    if not files:
+        sys.stderr.write("Nothing was written; --output DIR writes noise model and report.\n")
+
+
+def noise_lines(model: NoiseModel) -> list[str]:
+    """Lines that tell a noise model; uncertainties are standard uncertainties."""
+    from imu_rig.cli.summary import paragraph
+    from imu_rig.report.noise_units import noise_rows, noise_sensors
+    from imu_rig.report.numbers import duration
+
+    lines = [
+        f"Noise of {model.device.name or 'the sensor'} over {duration(model.duration_s)} at rest, "
+        f"{model.rate_hz:.2f} samples/s"
+    ]
+    for units, found in noise_sensors(model):
+        lines += ["", f"  {units.title:35}{'x':>22}{'y':>22}{'z':>22}"]
+        for label, *texts in noise_rows(units, found):
+            lines.append(f"  {label:35}" + "".join(f"{text:>22}" for text in texts))
+    lines += ["", "  '<': an upper bound (95 %) of what the record does not determine."]
+    for warning in model.warnings:
+        lines += ["", *paragraph(warning, mark="! ")]
+    return [*lines, ""]
+
+
+class _Progress:
+    """Tells on stderr how far the work is: in place on a terminal, else in lines now and then."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._in_place = sys.stderr.isatty()
+        self._next = clock.monotonic() + SILENT_S
+        self._shown = False
+
+    def show(self, share: float) -> None:
+        """Take the part that is done, 0 to 1."""
+        now = clock.monotonic()
+        if self._quiet or now < self._next:
+            return
+        self._shown = True
+        self._next = now + (0.2 if self._in_place else LINE_S)
+        sys.stderr.write(
+            f"{chr(13) if self._in_place else ''}Noise: {100.0 * share:3.0f} % done"
+            f"{'' if self._in_place else chr(10)}"
+        )
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        """Leave a clean line."""
+        if self._shown and self._in_place:
+            sys.stderr.write("\r" + " " * 30 + "\r")
