@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imu_rig.cli.certificate import write_page
 from imu_rig.cli.options import Json
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
-    from imu_rig.calibration.certificate import Certificate
     from imu_rig.recording.reader import Trial
 
 CERTIFICATE_SUFFIX = ".json"
@@ -28,10 +28,9 @@ def info(
     from imu_rig.recording.reader import open_trial
 
     if file.suffix == CERTIFICATE_SUFFIX:
-        facts = _certificate_facts(load_certificate(file))
-    else:
-        trial = open_trial(file)
-        facts = _trial_facts(trial)
+        write_page(file, load_certificate(file), as_json=as_json)
+        return
+    facts = _trial_facts(open_trial(file))
     if as_json:
         sys.stdout.write(json.dumps(facts, allow_nan=False) + "\n")
         return
@@ -80,22 +79,6 @@ def _source_facts(trial: Trial, name: str) -> dict[str, Any]:
             if block.counter is not None:
                 facts["lost"] = int(block.counter[-1] - block.counter[0]) + 1 - len(block)
     return facts
-
-
-def _certificate_facts(certificate: Certificate) -> dict[str, Any]:
-    device = certificate.device
-    held = certificate.accel_errors.held_out
-    return {
-        "certificate": certificate.method,
-        "date": certificate.date.isoformat(),
-        "sensor": f"{device.name} {device.serial}".strip(),
-        "software": certificate.software,
-        "gravity": f"{certificate.gravity.value:.5f} m/s^2 ({certificate.gravity.source})",
-        "poses": len(certificate.poses),
-        "held-out gravity error": None if held is None else f"{held.rms:.5f} m/s^2 rms",
-        "recording": None if certificate.recording is None else certificate.recording.file,
-        "warnings": list(certificate.warnings),
-    }
 
 
 def _lines(facts: dict[str, Any], indent: int) -> list[str]:

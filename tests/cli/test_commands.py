@@ -90,7 +90,8 @@ def test_info_tells_what_files_hold(imu_rig: Any, finished: dict[str, Any]) -> N
     assert facts["session"]["finished"] == "24 of 24 stops"
     assert facts["sources"]["imu"]["lost"] == 0
     assert "24 of 24 stops" in imu_rig("info", files["trial"]).stdout
-    assert json.loads(imu_rig("info", files["certificate"], "--json").stdout)["poses"] == 24
+    shown = json.loads(imu_rig("info", files["certificate"], "--json").stdout)
+    assert len(shown["certificate"]["poses"]) == 24
 
 
 @pytest.mark.parametrize("method", ["paper", "paper-diagonal"])

@@ -16,8 +16,9 @@ from imu_rig.calibration.exports import reduced
 from imu_rig.calibration.exports.loss import Loss
 from imu_rig.calibration.exports.options import ExportOptions
 from imu_rig.calibration.exports.reduced import Reduced
-from imu_rig.calibration.exports.source import Source, one_line, wrapped
+from imu_rig.calibration.exports.source import LINE_WIDTH, Source
 from imu_rig.errors import InputError
+from imu_rig.foreign_text import one_line, wrapped
 from imu_rig.units import DEG
 
 FRAME_TURNED = 0.05 * DEG
@@ -96,11 +97,10 @@ def comments(
             f"The turn of {kept.frame_angle / DEG:.2f} deg from the sensor's to the jig's frame is "
             "left out: level the vehicle as usual."
         )
-    lines.append(
-        f"The autopilot's axes x,y,z are {one_line(options.axes_text)} of the calibrated recording."
-    )
-    whole = [*source.about, *(part for line in (*lines, *notes) for part in wrapped(line))]
-    return [f"# {line}" for line in whole]
+    axes = one_line(options.axes_text)
+    lines.append(f"The autopilot's axes x,y,z are {axes} of the calibrated recording.")
+    told = [part for line in (*lines, *notes) for part in wrapped(line, LINE_WIDTH)]
+    return [f"# {line}" for line in (*source.about, *told)]
 
 
 def within(name: str, value: float, low: float, high: float, target: str) -> float:

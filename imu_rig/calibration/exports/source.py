@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -11,9 +10,9 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.model import PARAMETERS, Affine, sensor_frame
+from imu_rig.foreign_text import wrapped
 from imu_rig.units import STANDARD_GRAVITY
 
-LONGEST_TEXT = 200
 LINE_WIDTH = 90
 UNITS = {"accel": "m/s^2", "gyro": "rad/s", "mag": "uT"}
 """Unit of the readings, and so of b, by sensor."""
@@ -63,7 +62,7 @@ class Source:
         if certificate.warnings:
             about.append(f"The certificate has {len(certificate.warnings)} warning(s): read them.")
         return Source(
-            about=tuple(part for line in about for part in wrapped(line)),
+            about=tuple(part for line in about for part in wrapped(line, LINE_WIDTH)),
             accel=certificate.accel.affine(),
             gyro=None if certificate.gyro is None else certificate.gyro.affine(),
             gravity=certificate.gravity.value,
@@ -104,15 +103,3 @@ class Source:
             gyro=None if self.gyro is None else change(self.gyro),
             mag=None if self.mag is None else change(self.mag),
         )
-
-
-def wrapped(sentence: str) -> list[str]:
-    """Break a sentence of unknown origin into harmless lines for comments."""
-    return textwrap.wrap(one_line(sentence), LINE_WIDTH, break_on_hyphens=False)
-
-
-def one_line(text: str) -> str:
-    """Return a text of unknown origin as one line of printable characters, not too long."""
-    printable = "".join(c if c.isprintable() else " " for c in text[: 2 * LONGEST_TEXT])
-    line = " ".join(printable.split())
-    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 3]}..."
