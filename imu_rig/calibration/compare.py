@@ -15,6 +15,7 @@ from imu_rig.calibration.accuracy import TURN_ANGLE, TURN_DURATION_S
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.model import AXES, Affine, PhysicalFigures, physical_figures, sensor_frame
 from imu_rig.errors import InputError
+from imu_rig.foreign_text import one_line
 from imu_rig.units import DEG, MILLI_G
 
 DRIFTED = 3.0
@@ -139,8 +140,9 @@ def _about_devices(first: Certificate, second: Certificate, any_device: bool) ->
     if one.serial and other.serial and one.serial != other.serial:
         if not any_device:
             raise InputError(
-                f"the certificates are of two devices, serial {one.serial!r} and "
-                f"{other.serial!r}: give two of one device, or --any-device to compare all the same"
+                f"the certificates are of two devices, serial {one_line(one.serial, 40)!r} and "
+                f"{one_line(other.serial, 40)!r}: give two of one device, or --any-device to "
+                "compare all the same"
             )
         return ["They are of two devices: differences are no drift."]
     if not (one.serial and other.serial):
