@@ -282,7 +282,8 @@ class _Drive:
             self._go(joint, angle, round(WOBBLE_S / STEP_S))
         begins: list[tuple[int, tuple[int, ...]]] = []
         for axes in STAGES:
-            turning = [axis for axis in axes if pose[axis] != self._commanded[axis]]
+            # From the park pose every axis is approached anew.
+            turning = [a for a in axes if index == 0 or pose[a] != self._commanded[a]]
             if turning:
                 self._wait(PAUSE_S if begins else 0.0)
                 begins.append((self._now, axes))
@@ -321,7 +322,7 @@ class _Drive:
 
     def _drive_stage(self, turning: list[int], pose: FloatArray) -> None:
         """Turn some axes together; those that turn down go beyond and come back."""
-        beyond = [axis for axis in turning if pose[axis] < self._commanded[axis]]
+        beyond = [axis for axis in turning if pose[axis] <= self._commanded[axis]]
         first = pose.copy()
         first[beyond] -= OVERSHOOT_DEG
         self._leg(turning, first)

@@ -37,10 +37,11 @@ TRUNCATED = 9.0
 SLIP_GAIN = 40.0
 """Drop of the cost that makes a step a slip."""
 SMALLEST_SLIP = 1.5 * DEG
-BUMP_SIGMAS = 4.6
-"""Deviation of a pose, in the typical one per axis, that no servo makes once in a thousand poses
+BUMP_SIGMAS = 5.0
+"""Deviation of a pose, in the typical one per axis, that no servo makes once in ten thousand poses
 (chi with three degrees of freedom)."""
-SMALLEST_BUMP = 2.5 * DEG
+SMALLEST_BUMP = 3.5 * DEG
+"""What the dead band of a winch servo can do to a pose without being a fault [rad]."""
 CHI3_MEDIAN = 1.538
 
 

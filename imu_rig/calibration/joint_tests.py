@@ -20,7 +20,7 @@ from imu_rig.units import DEG, MILLI_G
 CHANCE = 1e-4
 """Probability of calling for a term that is not there."""
 STRONG = 4.0
-"""Standard uncertainties that make a nonlinearity worth a sentence."""
+"""Standard uncertainties beyond what a data sheet allows that make a nonlinearity a fault."""
 G_SIGMA = 0.2 * DEG
 """Twice what a data sheet of the class states [rad/s per g]."""
 DRIFT_SIGMA = np.array([5.0 * MILLI_G] * 3 + [2e-3])
@@ -98,11 +98,12 @@ def drift_finding(fit: JointFit) -> Finding:
 
 
 def nonlinearity_findings(fit: JointFit) -> tuple[Finding, ...]:
-    """Say which axes of the accelerometer bend."""
+    """Say which axes of the accelerometer bend more than a data sheet allows."""
     value = fit.state.common[NONLINEARITY]
     sigma = np.sqrt(np.diag(fit.covariance)[NONLINEARITY])
+    excess = np.abs(value) - fit.prior.sigma[NONLINEARITY]
     found = []
-    for i in np.flatnonzero(np.abs(value) > STRONG * sigma).tolist():
+    for i in np.flatnonzero(excess > STRONG * sigma).tolist():
         axis, order = "xyz"[i % 3], ("quadratic", "cubic")[i // 3]
         found.append(
             Finding(

@@ -297,7 +297,8 @@ class SessionEngine:
     def _way_to(self, step: PlannedStep) -> tuple[tuple[Stage, ...], dict[AxisName, int]]:
         """Plan the way from where the jig stands, which after a recovery is its park pose."""
         order = self._plan.protocol.order
-        return plan_move(self._position, step.pose, self._jig.config, order)
+        parked = self._position is self._plan.start
+        return plan_move(self._position, step.pose, self._jig.config, order, parked=parked)
 
     def _travel(self, stage: Stage, *, last: bool) -> dict[str, object]:
         """Drive one stage and return what the trial file keeps of it."""

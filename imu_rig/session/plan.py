@@ -92,7 +92,8 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
         if mounted != mounting:
             travel = jig.travel_time(position.angles(), park_pose(jig).angles())
             position, mounting = park_pose(jig), mounted
-        stages, approach = plan_move(position, pose, jig, protocol.order)
+        parked = index == 0 or (mounted != protocol.mounting_of_steps[index - 1])
+        stages, approach = plan_move(position, pose, jig, protocol.order, parked=parked)
         travel += sum(travel_time(jig, stage) for stage in stages)
         pauses = max(0, len(stages) - 1) * protocol.pause_s + len(stages) * ARRIVAL_S
         hold = protocol.hold_of(step)
@@ -119,14 +120,24 @@ def plan_session(protocol: JigProtocol, jig: JigConfig) -> SessionPlan:
 
 
 def plan_move(
-    start: Pose, end: Pose, jig: JigConfig, order: tuple[tuple[AxisName, ...], ...]
+    start: Pose,
+    end: Pose,
+    jig: JigConfig,
+    order: tuple[tuple[AxisName, ...], ...],
+    *,
+    parked: bool = False,
 ) -> tuple[tuple[Stage, ...], dict[AxisName, int]]:
-    """Split the way from ``start`` to ``end`` into stages by ``order``, with one-sided approach."""
+    """Split the way from ``start`` to ``end`` into stages by ``order``, with one-sided approach.
+
+    From the park pose, which servos may have reached from either side, every axis is approached
+    anew, those that stay where they are included: a dead band of some degrees would else part
+    the first poses from the rest.
+    """
     stages: list[Stage] = []
     approach: dict[AxisName, int] = {}
     position = start
     for group in order:
-        turning = tuple(a for a in group if getattr(end, a) != getattr(position, a))
+        turning = tuple(a for a in group if parked or getattr(end, a) != getattr(position, a))
         if not turning:
             continue
         goal: dict[str, float] = {a: getattr(end, a) for a in turning}
@@ -134,7 +145,7 @@ def plan_move(
         before: dict[str, float] = {}
         for axis in turning:
             approach[axis] = 1
-            if getattr(end, axis) < getattr(position, axis):
+            if getattr(end, axis) <= getattr(position, axis):
                 beyond = getattr(end, axis) - jig.overshoot_deg
                 if beyond >= getattr(jig, axis).limits_deg[0]:
                     before[axis] = beyond

@@ -67,8 +67,9 @@ FAULT_SIGMAS = 1.5  # times the stated 95 % interval
 
 @cache
 def protocol_poses(name: str) -> tuple[FloatArray, tuple[float, ...]]:
-    """Return commanded angles (m, 3) [deg] and holds [s] of a built-in protocol."""
-    steps = plan_session(load_protocol(name), load_jig("paper-jig")).steps
+    """Return commanded angles (m, 3) [deg] and holds [s] of what a built-in protocol fits."""
+    plan = plan_session(load_protocol(name), load_jig("paper-jig"))
+    steps = [step for step in plan.steps if step.kind != "check"]
     angles = np.array([(s.pose.pan, s.pose.tilt, s.pose.roll) for s in steps])
     return angles, tuple(step.hold_s for step in steps)
 
