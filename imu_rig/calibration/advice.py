@@ -33,10 +33,18 @@ def poses_to_add(directions: FloatArray) -> tuple[str, ...]:
     """
     candidates = [np.array(c, dtype=float) for c in product((1, 0, -1), repeat=3) if any(c)]
     units = np.array([c / np.linalg.norm(c) for c in candidates])
-    rows = _rows(units)
-    N = np.diag(1.0 / SHEET_SIGMA**2) + _rows(directions).T @ _rows(directions)
-    chosen: list[str] = []
-    while len(chosen) < MOST:
+    return tuple(_name(candidates[i]) for i in choose(units, directions))
+
+
+def choose(candidates: FloatArray, directions: FloatArray) -> list[int]:
+    """Choose among candidates (c, 3) at most `MOST` to add to the poses' directions (m, 3).
+
+    Returns their indices, most telling first; none where the poses are enough.
+    """
+    rows = _rows(candidates)
+    N = _information(directions)
+    chosen: list[int] = []
+    while len(chosen) < MOST and len(rows):
         C = np.linalg.inv(N)
         if np.all(np.sqrt(np.diag(C)) < 2.0 * GOAL):
             break
@@ -44,8 +52,21 @@ def poses_to_add(directions: FloatArray) -> tuple[str, ...]:
         gain = np.sum((reach / GOAL) ** 2, axis=1) / (1.0 + np.sum(reach * rows, axis=1))
         best = int(np.argmax(gain))
         N = N + np.outer(rows[best], rows[best])
-        chosen.append(_name(candidates[best]))
-    return tuple(chosen)
+        chosen.append(best)
+    return chosen
+
+
+def magnitude_sigma(directions: FloatArray) -> FloatArray:
+    """Uncertainties (9,) of gain (upper triangle) and offset [m/s^2] by gravity's magnitude.
+
+    From poses of directions (m, 3) and from what a data sheet promises without them.
+    """
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(_information(directions)))))
+
+
+def _information(directions: FloatArray) -> FloatArray:
+    rows = _rows(directions)
+    return np.asarray(np.diag(1.0 / SHEET_SIGMA**2) + rows.T @ rows)
 
 
 def _rows(up: FloatArray) -> FloatArray:

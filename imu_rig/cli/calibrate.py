@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +23,8 @@ from imu_rig.cli.options import (
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
-    from imu_rig.session.run import SessionSetup
+    from imu_rig.session.observability import Outlook
+    from imu_rig.session.plan import SessionPlan
 
 
 def calibrate(
@@ -90,12 +92,13 @@ def calibrate(
 
     from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, load_layout
     from imu_rig.cli import sessions
+    from imu_rig.cli.outlook import expected_lines
     from imu_rig.clock import Clock, SystemClock
     from imu_rig.devices.jig import DEFAULT_JIG_NAME, load_jig
+    from imu_rig.session.observability import outlook
     from imu_rig.session.progress import Progress, ignore
     from imu_rig.session.protocol import DEFAULT_PROTOCOL, load_protocol
     from imu_rig.session.run import SessionSetup, resumed_setup
-    from imu_rig.session.solve import check_protocol
 
     local_gravity = gravity_from(gravity, latitude, height)
     if not simulate and fault:
@@ -133,11 +136,14 @@ def calibrate(
     )
     if resume is not None:
         setup = resumed_setup(resume, setup)
-    check_protocol(setup.protocol, method)
     plan = setup.plan()
+    forecast = outlook(plan, setup.jig, method)
     if dry_run:
-        _print_plan(setup, as_json=as_json)
+        _print_plan(plan, forecast, setup.jig.name, as_json=as_json)
         return
+    if not quiet:
+        lines = expected_lines(forecast.expected, forecast.warnings)
+        sys.stderr.write("\n".join([*lines, "", ""]))
     with ExitStack() as stack:
         clock: Clock = SystemClock()
         simulated = None
@@ -171,11 +177,11 @@ def calibrate(
     )
 
 
-def _print_plan(setup: SessionSetup, *, as_json: bool) -> None:
+def _print_plan(plan: SessionPlan, forecast: Outlook, jig: str, *, as_json: bool) -> None:
     import json
-    import sys
 
-    plan = setup.plan()
+    from imu_rig.cli.outlook import expected_json, expected_lines
+
     if as_json:
         steps = [
             {
@@ -187,13 +193,20 @@ def _print_plan(setup: SessionSetup, *, as_json: bool) -> None:
             }
             for step in plan.steps
         ]
-        sys.stdout.write(json.dumps({"duration_s": plan.duration_s, "steps": steps}) + "\n")
+        told = {
+            "duration_s": plan.duration_s,
+            "steps": steps,
+            "expected": expected_json(forecast.expected, forecast.warnings),
+        }
+        sys.stdout.write(json.dumps(told) + "\n")
         return
     for step in plan.steps:
         late = [axis for axis, sign in step.approach.items() if sign < 0]
         note = f"   {', '.join(late)} from above: no room to overshoot" if late else ""
         sys.stdout.write(f"{step.index + 1:4}  {step.name:40}{step.duration_s:6.1f} s{note}\n")
     sys.stdout.write(
-        f"{len(plan.steps)} stops on jig '{setup.jig.name}' take about {plan.duration_s:.0f} s, "
-        "all inside its limits.\n"
+        f"{len(plan.steps)} stops on jig '{jig}' take about {plan.duration_s:.0f} s, "
+        "all inside its limits.\n\n"
     )
+    for line in expected_lines(forecast.expected, forecast.warnings):
+        sys.stdout.write(line + "\n")

@@ -9,40 +9,15 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo
 from imu_rig.calibration.session import CommandedPoses, CommandedTurn
-from imu_rig.calibration.solve import DEFAULT_METHOD, METHODS, solve
+from imu_rig.calibration.solve import DEFAULT_METHOD, solve
 from imu_rig.calibration.verification import Limits
-from imu_rig.errors import DataError, InputError
+from imu_rig.errors import DataError
 from imu_rig.recording.reader import Trial
 from imu_rig.session.history import IMU_SOURCE, SessionRecord, Visit, read_session
 from imu_rig.session.protocol import CheckLimits, JigProtocol, Pose
 from imu_rig.units import DEG, MILLI_G
 
 EDGE_S = 0.05  # cut off both ends of a hold: live and final clock fit differ by milliseconds
-
-
-FEWEST_POSES = {"multi-position": 9, "paper": 5, "paper-diagonal": 3}
-"""Static poses below which a method cannot determine its accelerometer parameters."""
-
-
-def check_protocol(protocol: JigProtocol, method: str) -> None:
-    """Refuse a protocol from which a method could never solve, before anything moves.
-
-    Raises
-    ------
-    InputError
-        If there is no such method, or the protocol has too few poses for it.
-    """
-    if method not in METHODS:
-        raise InputError(f"There is no method '{method}': take one of {', '.join(METHODS)}.")
-    poses = sum(step.kind == "pose" for step in protocol.steps)
-    if poses < FEWEST_POSES[method]:
-        able = [name for name, fewest in FEWEST_POSES.items() if poses >= fewest]
-        other = f", or --method {able[0]}, which trusts the jig's angles" if able else ""
-        raise InputError(
-            f"Protocol '{protocol.name}' has {poses} static poses, and method {method} needs "
-            f"{FEWEST_POSES[method]} or more (16 are advised): take a longer protocol, such as "
-            f"full{other}."
-        )
 
 
 def solve_session(

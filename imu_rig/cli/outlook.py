@@ -1,0 +1,62 @@
+"""What a session is expected to tell, in a terminal and as JSON."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from imu_rig.units import DEG, MILLI_G
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.expected import ExpectedUncertainty
+
+LABEL_WIDTH = 38
+
+
+def expected_lines(expected: ExpectedUncertainty, warnings: Sequence[str] = ()) -> list[str]:
+    """Lines of a short table of standard uncertainties, and what is weak."""
+    lines = [f"  {'expected standard uncertainty':{LABEL_WIDTH}}{'rms':>9}{'worst':>9}"]
+    for group in expected.groups():
+        label = f"{group.name} [{group.unit}]"
+        numbers = f"{_digits(group.rms):>9}{_digits(group.worst):>9}"
+        lines.append(f"  {label:{LABEL_WIDTH}}{numbers}  {group.worst_name}")
+    lines.append(_single("reading at rest, all directions [mg]", expected.reading / MILLI_G))
+    if expected.turn is not None:
+        lines.append(_single("turn of 90 degrees, all axes [deg]", expected.turn / DEG))
+    if expected.level is not None:
+        lines.append(_single("level of the jig's zero pose [deg]", expected.level / DEG))
+    for warning in warnings:
+        lines += ["", *textwrap.wrap(f"! {warning}", 78, subsequent_indent="  ")]
+    return lines
+
+
+def expected_json(
+    expected: ExpectedUncertainty, warnings: Sequence[str] = ()
+) -> Mapping[str, object]:
+    """Return the same for programs; figures in the units of their names."""
+    return {
+        "groups": [
+            {
+                "name": group.name,
+                "unit": group.unit,
+                "rms": group.rms,
+                "worst": group.worst,
+                "worst_name": group.worst_name,
+            }
+            for group in expected.groups()
+        ],
+        "reading_mg": expected.reading / MILLI_G,
+        "turn_deg": None if expected.turn is None else expected.turn / DEG,
+        "level_deg": None if expected.level is None else expected.level / DEG,
+        "warnings": list(warnings),
+    }
+
+
+def _single(label: str, value: float) -> str:
+    return f"  {label:{LABEL_WIDTH}}{_digits(value):>9}"
+
+
+def _digits(value: float) -> str:
+    """Write two digits that count, without an exponent."""
+    return f"{value:.4f}" if value < 0.01 else f"{value:.3f}" if value < 1 else f"{value:.2f}"
