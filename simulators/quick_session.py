@@ -177,6 +177,7 @@ def quick_session(
     mounted = tuple(mounting) or (0,) * len(poses)
     if len(mounted) != len(poses):
         raise ValueError(f"{len(mounted)} mountings stand for {len(poses)} poses.")
+    mountings_deg = mountings_deg[: max(mounted) + 1]
     seeds = np.random.SeedSequence([config.seed, 1]).spawn(9)
     rngs = [np.random.default_rng(seed) for seed in seeds]
     matrices = _mountings(config.jig, mountings_deg, remount_deg, rngs[8])

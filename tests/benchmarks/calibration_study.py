@@ -41,8 +41,11 @@ from imu_rig.session.plan import plan_session
 from imu_rig.session.protocol import load_protocol
 from imu_rig.units import DEG, MILLI_G
 from simulators.config import RigConfig
+from simulators.jig import Jig
+from simulators.pose_errors import draw_pose_errors
 from simulators.quick_session import QuickSession, SessionFaults, quick_session
 from simulators.rig import AffineTruth
+from simulators.servo import Servo
 
 PROCESSES = 2
 PERCENT_OF_FULL_SCALE = (1.0 / 100.0 * 2.0 / 2.0**2, 1.0 / 100.0 * 2.0 / 2.0**3)
@@ -59,6 +62,7 @@ GROUPS = {
     "accel bias at zero": "mg",
 }
 DESIGNED_NONLINEARITY = 0.2  # % of full scale, a limit
+NORMAL_95 = 1.96
 FAULT_SIGMAS = 1.5  # times the stated 95 % interval
 
 
@@ -188,8 +192,8 @@ class Score:
     """One solved session: errors and standard uncertainties by group, in the units of `GROUPS`.
 
     `half` holds the half widths of the stated 95 % intervals. `refused` is the sentence of a solver
-    that gave up, `frame_deg` the angle by which the frame is wrong, `frame_half_deg` the half width
-    of its stated interval, where it is stated.
+    that gave up. `frame` holds errors of the frame [deg] by what they concern, `frame_half` the
+    half widths of their stated intervals, where they are stated.
     """
 
     method: str
@@ -200,8 +204,8 @@ class Score:
     findings: list[dict[str, Any]] = field(default_factory=list)
     refused: str = ""
     seconds: float = 0.0
-    frame_deg: list[float] = field(default_factory=list)
-    frame_half_deg: list[float] = field(default_factory=list)
+    frame: dict[str, list[float]] = field(default_factory=dict)
+    frame_half: dict[str, list[float]] = field(default_factory=dict)
 
 
 def score(session: QuickSession, method: str) -> Score:
@@ -232,8 +236,7 @@ def score(session: QuickSession, method: str) -> Score:
     if at_zero is not None:
         true = physical_figures(_exact(session.truth.accel))
         _compare(scored, "accel", physical_figures(at_zero), true, at_zero, " at zero")
-    if result.frame == "jig":
-        scored.frame_deg = _frame_error(result.accel.K, line.K, session.mounting_matrices[0])
+    _score_frame(scored, session, result)
     return scored
 
 
@@ -263,11 +266,58 @@ def _compare(
             scored.half[group] = (affine.coverage_factor * sigma / unit).tolist()
 
 
-def _frame_error(K: FloatArray, true_K: FloatArray, mounting: FloatArray) -> list[float]:
-    """Rotation vector [deg] from the true jig frame to the one that K is in."""
-    turn = sensor_frame(K)[0] @ sensor_frame(true_K)[0].T @ mounting.T
-    skewed = 0.5 * (turn - turn.T)
-    return (np.array((skewed[2, 1], skewed[0, 2], skewed[1, 0])) / DEG).tolist()
+def _score_frame(scored: Score, session: QuickSession, result: CalibrationResult) -> None:
+    """Compare where the sensor sits on the jig, as far as the method tells.
+
+    A method that answers in the jig's frame states a whole rotation. One that answers in the
+    sensor's own frame may state the direction of the roll axis in it, and how the sensor stands
+    when the jig next goes to zero.
+    """
+    if result.frame == "jig":
+        true_Q = sensor_frame(session.truth.accel.K)[0]
+        turn = sensor_frame(result.accel.K)[0] @ true_Q.T @ session.mounting_matrices[0].T
+        skewed = 0.5 * (turn - turn.T)
+        scored.frame["mounting"] = _degrees((skewed[2, 1], skewed[0, 2], skewed[1, 0]))
+    jig = getattr(result, "jig", None)
+    if jig is None:
+        return
+    up, roll_axis = zero_pose(session)
+    level = np.array([-up[0], up[1]])
+    for part, estimate, true in (
+        ("roll axis", (jig.roll_axis.value[0, 1:], jig.roll_axis.sigma[0, 1:]), roll_axis[1:]),
+        ("level", (jig.level.value, jig.level.sigma), level),
+    ):
+        scored.frame[part] = _degrees(estimate[0] - true)
+        scored.frame_half[part] = _degrees(NORMAL_95 * estimate[1])
+
+
+def zero_pose(session: QuickSession) -> tuple[FloatArray, FloatArray]:
+    """Visit once more the pose with all servos at zero.
+
+    Returns the vertical in that pose, shape (3,), and the direction of the roll axis, shape (3,),
+    in the sensor's own frame, in which the accelerometer's K is upper triangular.
+    """
+    model = session.truth.jig
+    rng = np.random.default_rng(round(1e6 * abs(model.pan.zero_deg)))
+    joints = np.zeros((1, 6))
+    for joint, servo in enumerate((model.pan, model.tilt, model.roll)):
+        stopped = Servo(servo, rng)
+        for second, angle in enumerate((-6.0, 0.0)):  # from below, as in a session
+            stopped.hear(stopped.pulse_us(angle), float(second))
+        joints[0, joint] = stopped.target
+    jig = Jig(model, gravity=1.0, earth_rate=(0.0,) * 3, field=(0.0,) * 3)
+    rolled = joints.copy()
+    rolled[:, 2] += 0.1
+    turn = jig.attitude(joints)[0].T @ jig.attitude(rolled)[0]
+    axis = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+    joints[0, 3:] = draw_pose_errors(model, rng).wobble
+    Q = sensor_frame(session.truth.accel.K)[0]
+    return Q.T @ jig.attitude(joints)[0][2], Q.T @ axis / np.linalg.norm(axis)
+
+
+def _degrees(angles: Any) -> list[float]:
+    degrees: list[float] = (np.asarray(angles) / DEG).tolist()
+    return degrees
 
 
 # --- running ------------------------------------------------------------------------------------
@@ -355,7 +405,8 @@ def accuracy(arguments: argparse.Namespace) -> dict[str, Any]:
             ]
             for group in groups
         ]
-        rows.append(["frame [deg]", *(_frame(scores) for scores in by_method.values())])
+        for part in ("mounting", "roll axis", "level"):
+            rows.append([f"{part} [deg]", *(_frame(v, part) for v in by_method.values())])
         rows.append(
             ["refused", *(str(sum(bool(s.refused) for s in v)) for v in by_method.values())]
         )
@@ -377,17 +428,15 @@ def _two(errors: FloatArray) -> str:
     return f"{np.median(size):.4f} / {np.quantile(size, 0.95):.4f}"
 
 
-def _frame(scores: list[Score]) -> str:
-    errors = np.array([s.frame_deg for s in scores if s.frame_deg])
-    stated = np.array([s.frame_half_deg for s in scores if s.frame_half_deg])
+def _frame(scores: list[Score], part: str) -> str:
+    errors = np.array([error for s in scores for error in s.frame.get(part, [])])
+    halves = np.array([half for s in scores for half in s.frame_half.get(part, [])])
     if not errors.size:
         return "-"
-    text = _two(errors.ravel())
-    if not stated.size:
+    text = _two(errors)
+    if not halves.size:
         return text
-    return (
-        f"{text}, stated +-{np.median(stated):.3f}, covers {np.mean(np.abs(errors) <= stated):.3f}"
-    )
+    return f"{text} (+-{np.median(halves):.2f} covers {np.mean(np.abs(errors) <= halves):.3f})"
 
 
 # --- coverage -----------------------------------------------------------------------------------
@@ -451,6 +500,7 @@ SLIP_SIZE_DEG = 1.5  # by which a slip's stated size may err
 
 FAULTS = (
     "clean",
+    "clean, linear",
     "swapped",
     "clipped z",
     "time x2",
@@ -488,13 +538,17 @@ def named_right(name: str, faults: SessionFaults, scored: Score) -> bool:
     """Return whether a solver said what happened: the kind, and where."""
     found = scored.findings
     match name.split():
-        case ["clean"]:
+        case ["clean"]:  # whose sensor is not linear, and may be said to be so
+            others = set(scored.warnings) - {f["text"] for f in found if f["kind"] == "nonlinear"}
+            return not (others or scored.refused)
+        case ["clean,", "linear"]:
             return not (found or scored.warnings or scored.refused)
         case ["swapped"]:
             named = {p for f in found if f["kind"] == "mislabelled" for p in f["poses"]}
             return faults.swapped is not None and named == set(faults.swapped)
         case ["clipped", axis]:
-            return any(f["kind"] == "saturated" and f["axis"] == axis for f in found)
+            said = any(f"Axis {axis} of the accelerometer is at its" in w for w in scored.warnings)
+            return said or any(f["kind"] == "saturated" and f["axis"] == axis for f in found)
         case ["time", _]:
             said = re.search(r"sample rate|time base|clock", scored.refused)
             return said is not None or any(f["kind"] == "rate" for f in found)
@@ -515,7 +569,8 @@ def fault_job(task: tuple[str, int, str, str]) -> tuple[str, int, bool, Score]:
     """Solve one session with a fault."""
     name, seed, protocol, method = task
     faults = fault_of(name, seed, len(protocol_poses(protocol)[0]))
-    scored = score(session_of(designed(seed), protocol, faults), method)
+    percent = 0.0 if name == "clean, linear" else DESIGNED_NONLINEARITY
+    scored = score(session_of(designed(seed, percent=percent), protocol, faults), method)
     return name, seed, named_right(name, faults, scored), scored
 
 
