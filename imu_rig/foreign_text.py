@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 
 LONGEST = 200
+LONGEST_PARAGRAPH = 1000
 
 
 def one_line(text: str, longest: int = LONGEST) -> str:
@@ -15,5 +16,5 @@ def one_line(text: str, longest: int = LONGEST) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Break such a text into lines between words."""
-    return textwrap.wrap(one_line(text), width, break_on_hyphens=False)
+    """Break such a text, of a sentence or a few, into lines between words."""
+    return textwrap.wrap(one_line(text, LONGEST_PARAGRAPH), width, break_on_hyphens=False)

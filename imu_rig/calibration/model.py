@@ -139,7 +139,7 @@ def student_factor(dof: float) -> float:
     g2 = (5 * z**5 + 16 * z**3 + 3 * z) / 96
     g3 = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384
     g4 = (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160
-    n = max(dof, 2.0)
+    n = min(max(dof, 2.0), 1e12)
     return z + g1 / n + g2 / n**2 + g3 / n**3 + g4 / n**4
 
 

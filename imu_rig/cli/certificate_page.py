@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.foreign_text import one_line, wrapped
+from imu_rig.cli.summary import paragraph
+from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line, wrapped
 from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def certificate_lines(certificate: Certificate) -> list[str]:
         lines += _directional("90 deg turn", error, DEG, "deg", "all axes", "about")
     lines += _errors(certificate)
     for warning in certificate.warnings:
-        lines += ["", *_paragraph(warning, mark="! ")]
+        lines += ["", *paragraph(one_line(warning, LONGEST_PARAGRAPH), mark="! ")]
     return lines
 
 
@@ -95,9 +96,9 @@ def comparison_lines(first: Certificate, second: Certificate, found: Comparison)
     turn = "" if found.turn is None else f" and a 90 deg turn by up to {found.turn / DEG:.3f} deg"
     sentences.append(f"{change} mg{turn}.")
     for sentence in sentences:
-        lines += ["", *_paragraph(sentence)]
+        lines += ["", *paragraph(sentence)]
     for note in found.notes:
-        lines += ["", *_paragraph(note, mark="! ")]
+        lines += ["", *paragraph(note, mark="! ")]
     return lines
 
 
@@ -266,8 +267,3 @@ def _decimals(sigma: float) -> int:
 def _labelled(label: str, text: str) -> list[str]:
     parts = wrapped(text, WIDTH - LABEL - 2)
     return [f"  {label if i == 0 else '':{LABEL}}{part}" for i, part in enumerate(parts)]
-
-
-def _paragraph(sentence: str, mark: str = "") -> list[str]:
-    parts = wrapped(sentence, WIDTH - 2 - len(mark))
-    return [f"  {mark if i == 0 else ' ' * len(mark)}{part}" for i, part in enumerate(parts)]

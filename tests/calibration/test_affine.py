@@ -154,3 +154,8 @@ def test_gravity_says_where_it_comes_from_and_refuses_the_impossible():
     ):
         with pytest.raises(InputError):
             wrong()
+
+
+def test_endless_degrees_of_freedom_are_the_normal_distribution():
+    assert student_factor(1e308) == pytest.approx(1.959964, abs=1e-6)
+    assert student_factor(np.inf) == pytest.approx(1.959964, abs=1e-6)
