@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from imu_rig.calibration.model import Affine, PhysicalFigures
 
 WIDTH = 78
-LABEL = 12
+LABEL = 13
 COLUMN = 21
+VALUE = 10
 MILLIRADIAN = 1e-3
 FIXED_BELOW = 1e-12
 """A standard uncertainty below belongs to what a convention or the method fixed."""
@@ -168,7 +169,7 @@ def _model(name: str, affine: Affine, unit: str) -> list[str]:
     lines = ["", f"{name}: calibrated = K raw - b, with standard uncertainties"]
     for i, (row, sigma) in enumerate(zip(affine.K, affine.K_uncertainty, strict=True)):
         lines.append(_row("K" if i == 0 else "", row, sigma))
-    lines.append(_row("b", affine.b, affine.b_uncertainty, unit))
+    lines.append(_row(f"b [{unit}]", affine.b, affine.b_uncertainty))
     lines.append("")
     return lines
 
@@ -176,20 +177,19 @@ def _model(name: str, affine: Affine, unit: str) -> list[str]:
 def _figures(
     figures: PhysicalFigures, bias_unit: float, bias_name: str, factor: float
 ) -> list[str]:
-    lines = [_row("scale error", figures.scale_percent, figures.scale_percent_u, "%", "xyz")]
+    lines = [_row("scale [%]", figures.scale_percent, figures.scale_percent_u, "xyz")]
     for start in range(0, len(figures.cross_names), 3):
         part = slice(start, start + 3)
         lines.append(
             _row(
-                "" if start else "lean",
+                "" if start else "lean [mrad]",
                 figures.cross_rad[part] / MILLIRADIAN,
                 figures.cross_rad_u[part] / MILLIRADIAN,
-                "mrad",
                 figures.cross_names[part],
             )
         )
     bias, sigma = figures.bias / bias_unit, figures.bias_u / bias_unit
-    lines.append(_row("bias", bias, sigma, bias_name, "xyz"))
+    lines.append(_row(f"bias [{bias_name}]", bias, sigma, "xyz"))
     return [*lines, *_labelled("95 %", f"intervals reach {factor:.2f} standard uncertainties")]
 
 
@@ -197,7 +197,6 @@ def _row(
     label: str,
     values: FloatArray,
     sigmas: FloatArray,
-    unit: str = "",
     names: Sequence[str] = ("", "", ""),
 ) -> str:
     estimated = [sigma for sigma in sigmas if sigma > FIXED_BELOW]
@@ -205,11 +204,11 @@ def _row(
     cells = []
     for value, sigma, name in zip(values, sigmas, names, strict=True):
         if sigma > FIXED_BELOW:
-            cell = f"{name:3}{value:8.{decimals}f} ± {sigma:.{decimals}f}"
+            cell = f"{name}{value:{VALUE - len(name)}.{decimals}f} ± {sigma:.{decimals}f}"
         else:
-            cell = f"{name:3}{value:8.4g} fixed"
+            cell = f"{name}{value:{VALUE - len(name)}.4g} fixed"
         cells.append(f"{cell:{COLUMN}}")
-    return f"  {label:{LABEL}}{' '.join(cells)} {unit}".rstrip()
+    return f"  {label:{LABEL}}{' '.join(cells)}".rstrip()
 
 
 def _directional(

@@ -65,7 +65,7 @@ def test_the_page_says_what_a_person_looks_for(stored):
     error = sphere_error(stored.accel.affine())
     assert f"{error.rms / MILLI_G:.2g} mg rms over all attitudes" in page
     assert f"{error.maximum / MILLI_G:.2g} mg at" in page
-    assert max(map(len, page.splitlines())) <= 90
+    assert max(map(len, page.splitlines())) <= 80
     assert run("show", STORED) == CliRunner().invoke(app, ["info", str(STORED)]).stdout
 
 
