@@ -12,9 +12,14 @@
     ├── StorageError       5   the disk is full or fails
     └── SessionStopped     6   a session ended before its last pose; what it measured is kept
         └── SessionInterrupted  130   ... because its user said so (Ctrl-C, SIGTERM, SIGHUP)
+
+Exit code 7 is no error: `imu-rig verify` found a sensor that is not what its certificate says, or
+could not tell.
 """
 
 from typing import ClassVar
+
+NOT_VERIFIED_EXIT = 7
 
 
 class ImuRigError(Exception):

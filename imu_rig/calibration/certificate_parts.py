@@ -21,6 +21,12 @@ from imu_rig.calibration.result import (
     MoveRow,
     PoseRow,
 )
+from imu_rig.calibration.temperature_term import (
+    Slopes,
+    TemperatureTerm,
+    at_reference,
+    warmth,
+)
 from imu_rig.calibration.verification import CheckRow, Verification
 
 GAIN_LIMITS = (0.2, 5.0)
@@ -250,6 +256,7 @@ class CheckEntry(Part):
     error: float | None = None
     sigma: float | None = None
     sigmas: float | None = None
+    noise: float | None = None
     limit: float = Field(gt=0)
     sigma_limit: float = Field(gt=0)
     void: str = ""
@@ -263,6 +270,7 @@ class CheckEntry(Part):
             error=row.error,
             sigma=row.sigma,
             sigmas=row.sigmas,
+            noise=row.noise,
             limit=row.limit,
             sigma_limit=row.sigma_limit,
             void=row.void,
@@ -289,6 +297,73 @@ class VerificationEntry(Part):
             turn_limit=verification.limits.turn,
             sigma_limit=verification.limits.sigma,
             checks=tuple(CheckEntry.of(row) for row in verification.rows),
+        )
+
+
+class SlopesEntry(Part):
+    """Change per degree of three axes; a value of 0 where the data do not determine one."""
+
+    value: Vector
+    standard_uncertainty: Vector
+
+    @staticmethod
+    def of(slopes: Slopes | None) -> SlopesEntry | None:
+        """Take over slopes, if there are any."""
+        if slopes is None:
+            return None
+        return SlopesEntry(
+            value=slopes.applied.tolist(), standard_uncertainty=slopes.sigma.tolist()
+        )
+
+
+class TemperatureEntry(Part):
+    """Linear dependence on temperature: ``(1 + scale dT) K raw - b - bias dT``.
+
+    ``dT`` counts from ``reference_c``, at which K and b hold; from ``low_c`` to ``high_c`` it was
+    measured [degC]. Slopes in m/s^2, 1 and rad/s per degree.
+    """
+
+    reference_c: float
+    low_c: float
+    high_c: float
+    accel_bias: SlopesEntry
+    accel_scale: SlopesEntry | None = None
+    gyro_bias: SlopesEntry | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> TemperatureEntry:
+        if not self.low_c <= self.reference_c <= self.high_c:
+            raise ValueError("the reference temperature lies outside those that were measured")
+        return self
+
+    @staticmethod
+    def of(term: TemperatureTerm | None) -> TemperatureEntry | None:
+        """Take over a term that has something to correct with."""
+        if term is None or not term.is_offered:
+            return None
+        bias = SlopesEntry.of(term.accel_bias)
+        assert bias is not None
+        return TemperatureEntry(
+            reference_c=term.reference_c,
+            low_c=term.low_c,
+            high_c=term.high_c,
+            accel_bias=bias,
+            accel_scale=SlopesEntry.of(term.accel_scale),
+            gyro_bias=SlopesEntry.of(term.gyro_bias),
+        )
+
+    def corrected(
+        self, calibrated: FloatArray, b: FloatArray, temperature: FloatArray, sensor: str
+    ) -> FloatArray:
+        """Correct calibrated readings (n, 3) of "accel" or "gyro" at temperatures (n,) [degC]."""
+        slopes = self.accel_bias if sensor == "accel" else self.gyro_bias
+        scale = self.accel_scale if sensor == "accel" else None
+        return at_reference(
+            calibrated,
+            b,
+            warmth(temperature, self.reference_c, self.low_c, self.high_c),
+            np.zeros(3) if slopes is None else np.array(slopes.value),
+            np.zeros(3) if scale is None else np.array(scale.value),
         )
 
 

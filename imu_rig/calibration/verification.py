@@ -8,7 +8,7 @@ each with its predicted standard uncertainty, from the parameters and the noise 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Literal
 
@@ -33,6 +33,9 @@ NO_CHANCE = 1.4
 RAYLEIGH_MEDIAN = 1.1774
 """Median length of a vector of two normal errors, in their standard deviation."""
 NORMAL_MEDIAN = 0.6745
+NOISE_ALLOWED = 2.0
+"""Standard deviations of a check's own noise by which it may exceed a limit: a limit shorter than
+the noise of a check would fail every other good sensor."""
 MOST_SIGMAS = 37.0
 """Beyond, a probability is zero to a computer."""
 
@@ -73,6 +76,8 @@ class CheckRow:
     sigmas : float or None
         The error in predicted standard deviations, as those of a normal error that is just as
         improbable; few degrees of freedom and the two axes of a direction are allowed for.
+    noise : float or None
+        Part of ``sigma`` that is the check's own: no calibration makes it smaller.
     limit, sigma_limit : float
         Limits of ``error`` and ``sigmas``.
     void : str
@@ -84,16 +89,22 @@ class CheckRow:
     error: float | None
     sigma: float | None
     sigmas: float | None
+    noise: float | None
     limit: float
     sigma_limit: float
     void: str = ""
+
+    @property
+    def allowed(self) -> float:
+        """Largest error that passes: the limit, and beyond it what the check's noise explains."""
+        return self.limit + NOISE_ALLOWED * (self.noise or 0.0)
 
     @property
     def state(self) -> Literal["passed", "failed", "void"]:
         """How the check ended."""
         if self.error is None or self.sigmas is None:
             return "void"
-        inside = abs(self.error) <= self.limit and self.sigmas <= self.sigma_limit
+        inside = abs(self.error) <= self.allowed and self.sigmas <= self.sigma_limit
         return "passed" if inside else "failed"
 
 
@@ -209,6 +220,11 @@ class Checks:
     track: BiasTrack
     moves: Moves
     void: tuple[CheckRow, ...]
+
+    def without_moves(self) -> Checks:
+        """Return the same of a sensor without a gyroscope."""
+        void = tuple(row for row in self.void if row.kind == "pose")
+        return replace(self, moves=self.moves.only(np.zeros(len(self.moves), bool)), void=void)
 
     def move_name(self, j: int) -> str:
         """Names of both ends of move ``j``."""
@@ -350,7 +366,7 @@ def _pose_rows(
         return []
     error, J, noise = pose_errors(accel, stills.accel_mean, stills.accel_cov, gravity)
     variance = noise + np.einsum("ia,ab,ib->i", J, accel.covariance, J)
-    variance = variance + _excess(scatter.accel, variance)
+    variance = variance + excess(scatter.accel, variance)
     sigma = np.sqrt(variance)
     return [
         CheckRow(
@@ -359,6 +375,7 @@ def _pose_rows(
             float(error[i]),
             float(sigma[i]),
             as_normal(abs(float(error[i] / sigma[i])), accel.dof),
+            math.sqrt(float(noise[i])),
             limits.accel,
             limits.sigma,
         )
@@ -378,7 +395,7 @@ def _move_rows(
     S = S + by_gain @ gyro.covariance[:9, :9] @ np.swapaxes(by_gain, 1, 2)
     S = S + by_accel @ accel.covariance @ np.swapaxes(by_accel, 1, 2)
     own = np.trace(S, axis1=1, axis2=2) / 2.0
-    S = S + np.eye(2) * _excess(scatter.turn, own)
+    S = S + np.eye(2) * excess(scatter.turn, own)
     lever = np.linalg.norm(by_gain @ gyro.K.ravel(), axis=1)
     rows = []
     for j in range(len(moves)):
@@ -395,6 +412,7 @@ def _move_rows(
                 float(np.linalg.norm(residual[j])),
                 math.sqrt(float(np.trace(S[j])) / 2.0),
                 as_normal(_one_dimensional(radius), gyro.dof),
+                math.sqrt(float(where.variance[j])),
                 limits.turn,
                 limits.sigma,
             )
@@ -402,7 +420,7 @@ def _move_rows(
     return rows
 
 
-def _excess(left_out: float, variance: FloatArray) -> float:
+def excess(left_out: float, variance: FloatArray) -> float:
     """Variance that left-out data of the fit show beyond what is predicted, if it is no chance."""
     predicted = float(np.mean(variance))
     return left_out**2 - predicted if left_out > NO_CHANCE * math.sqrt(predicted) else 0.0
@@ -453,11 +471,11 @@ def _between(names: tuple[str, ...], first: int, last: int) -> str:
 
 
 def _void_pose(name: str, reason: str, limits: Limits) -> CheckRow:
-    return CheckRow("pose", name, None, None, None, limits.accel, limits.sigma, reason)
+    return CheckRow("pose", name, None, None, None, None, limits.accel, limits.sigma, reason)
 
 
 def _void_move(name: str, reason: str, limits: Limits) -> CheckRow:
-    return CheckRow("move", name, None, None, None, limits.turn, limits.sigma, reason)
+    return CheckRow("move", name, None, None, None, None, limits.turn, limits.sigma, reason)
 
 
 def _reason(row: CheckRow) -> str:
@@ -467,8 +485,9 @@ def _reason(row: CheckRow) -> str:
     unit, name = (MILLI_G, "mg") if row.kind == "pose" else (DEG, "deg")
     what = "gravity's size" if row.kind == "pose" else "gravity's direction"
     parts = []
-    if abs(row.error) > row.limit:
-        parts.append(f"allowed are {row.limit / unit:.2g} {name}")
+    if abs(row.error) > row.allowed:
+        extra = (row.allowed - row.limit) / unit
+        parts.append(f"allowed are {row.limit / unit:.2g} {name} and {extra:.2g} {name} of noise")
     if row.sigmas > row.sigma_limit:
         parts.append(
             f"{row.sigmas:.1f} predicted standard deviations, allowed are {row.sigma_limit:g}"

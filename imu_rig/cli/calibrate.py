@@ -9,6 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imu_rig.cli.hardware import (
+    DEFAULT_BAUD,
+    Baud,
+    Hardware,
+    ImuPort,
+    JigFile,
+    LayoutFile,
+    MaestroCrc,
+    MaestroDevice,
+    MaestroPort,
+    Seed,
+    Simulate,
+    Speed,
+)
 from imu_rig.cli.options import (
     DEFAULT_METHOD,
     Gravity_,
@@ -28,30 +42,21 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    imu: Annotated[str | None, typer.Option(help="Port of the IMU.")] = None,
-    maestro: Annotated[str | None, typer.Option(help="Command port of the Maestro.")] = None,
-    jig: Annotated[
-        str | None, typer.Option(help="Jig: paper-jig, which is taken by default, or a TOML file.")
-    ] = None,
+    imu: ImuPort = None,
+    maestro: MaestroPort = None,
+    jig: JigFile = None,
     protocol: Annotated[
         str | None,
         typer.Option(help="Protocol: full (default), quick, six-faces-and-turns or a TOML file."),
     ] = None,
-    layout: Annotated[
-        str | None,
-        typer.Option(help="Packet layout of the IMU: mpu9150-28 (default) or a TOML file."),
-    ] = None,
+    layout: LayoutFile = None,
     name: Annotated[
         str | None, typer.Option(help="Name of the sensor, for the certificate.")
     ] = None,
     serial: Annotated[str | None, typer.Option(help="Serial number, for the certificate.")] = None,
-    baud: Annotated[int, typer.Option(help="Baud rate of the IMU's port.")] = 115200,
-    maestro_device: Annotated[
-        int | None, typer.Option(help="Pololu device number, where controllers share a line.")
-    ] = None,
-    maestro_crc: Annotated[
-        bool, typer.Option("--maestro-crc", help="The Maestro expects a CRC byte.")
-    ] = False,
+    baud: Baud = DEFAULT_BAUD,
+    maestro_device: MaestroDevice = None,
+    maestro_crc: MaestroCrc = False,
     method: Method = DEFAULT_METHOD,
     gravity: Gravity_ = None,
     latitude: Latitude = None,
@@ -72,11 +77,9 @@ def calibrate(
             help="Ask nothing: where the sensor must be turned over, stop, for --resume later.",
         ),
     ] = False,
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Simulated hardware in place of --imu and --maestro.")
-    ] = False,
-    speed: Annotated[float, typer.Option(help="How much faster than life, with --simulate.")] = 1.0,
-    seed: Annotated[int, typer.Option(help="Which simulated hardware.")] = 1,
+    simulate: Simulate = False,
+    speed: Speed = 1.0,
+    seed: Seed = 1,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,26 +93,23 @@ def calibrate(
     """Step an IMU on a servo jig through poses and turns; write certificate and report."""
     from contextlib import ExitStack
 
-    from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, load_layout
     from imu_rig.cli import sessions
     from imu_rig.cli.outlook import expected_lines
     from imu_rig.clock import Clock, SystemClock
-    from imu_rig.devices.jig import DEFAULT_JIG_NAME, load_jig
     from imu_rig.session.observability import outlook
     from imu_rig.session.progress import Progress, ignore
     from imu_rig.session.protocol import DEFAULT_PROTOCOL, load_protocol
-    from imu_rig.session.run import SessionSetup, resumed_setup
+    from imu_rig.session.run import resumed_setup
 
     local_gravity = gravity_from(gravity, latitude, height)
     if not simulate and fault:
         raise InputError("--fault needs --simulate: real hardware brings its own.")
-    if not simulate and not dry_run and (imu is None or maestro is None):
-        raise InputError(
-            "Give the ports with --imu PORT and --maestro PORT, or --simulate to run without "
-            "hardware."
-        )
-    if simulate and (imu is not None or maestro is not None):
-        raise InputError("Give either --simulate or the ports --imu and --maestro, not both.")
+    hardware = Hardware(
+        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed
+    )
+    if not dry_run:
+        hardware.require_ports()
+    hardware.require_one_kind()
     if resume is not None:
         own = {"jig": jig, "protocol": protocol, "layout": layout, "name": name, "serial": serial}
         given = [f"--{option}" for option, value in own.items() if value is not None]
@@ -118,22 +118,7 @@ def calibrate(
                 f"{', '.join(given) or '--output'} cannot be given with --resume: the session goes "
                 "on as it began, in its own folder."
             )
-    try:
-        packet_layout = load_layout(layout or DEFAULT_LAYOUT_NAME)
-    except LayoutError as error:
-        raise InputError(str(error)) from error
-    setup = SessionSetup(
-        imu_url=imu or "",
-        maestro_url=maestro or "",
-        layout=packet_layout,
-        jig=load_jig(jig or DEFAULT_JIG_NAME),
-        protocol=load_protocol(protocol or DEFAULT_PROTOCOL),
-        device=name or "imu",
-        serial=serial or "",
-        baud=baud,
-        maestro_device=maestro_device,
-        crc=maestro_crc,
-    )
+    setup = hardware.setup(load_protocol(protocol or DEFAULT_PROTOCOL), name or "imu", serial or "")
     if resume is not None:
         setup = resumed_setup(resume, setup)
     plan = setup.plan()
@@ -165,7 +150,7 @@ def calibrate(
             clock,
             resume=resume is not None,
             quiet=quiet,
-            ports=(f"--simulate --seed {seed}" if simulate else f"--imu {imu} --maestro {maestro}"),
+            ports=hardware.options,
             watch=watch,
             hands=None if yes else simulated,
             ask=not yes,

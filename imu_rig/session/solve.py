@@ -34,7 +34,7 @@ def solve_session(
     """
     session = read_session(trial)
     block = trial.imu(IMU_SOURCE)
-    visits = [visit for visit in session.visits if _inside(visit, block.t)]
+    visits, windows = holds(session, block.t)
     if not visits:
         raise DataError(
             f"{trial.path} holds no finished pose yet; go on with the session first: "
@@ -46,7 +46,7 @@ def solve_session(
             f"compare it with the sensor's certificate: imu-rig verify CERTIFICATE {trial.path}"
         )
     try:
-        return _solve(block, session, visits, method, gravity)
+        return _solve(block, session, visits, windows, method, gravity)
     except DataError as error:
         if session.next_step == len(session.protocol.steps):
             raise
@@ -61,12 +61,13 @@ def _solve(
     block: ImuBlock,
     session: SessionRecord,
     visits: list[Visit],
+    windows: FloatArray,
     method: str,
     gravity: Gravity | None,
 ) -> CalibrationResult:
     return solve(
         block,
-        np.array([(v.still_s[0] + EDGE_S, v.still_s[1] - EDGE_S) for v in visits]),
+        windows,
         method=method,
         gravity=gravity,
         commanded=CommandedPoses(
@@ -80,6 +81,13 @@ def _solve(
         limits=limits_of(session.protocol.limits),
         device=DeviceInfo(session.device, session.serial, session.layout.name),
     )
+
+
+def holds(session: SessionRecord, t: FloatArray) -> tuple[list[Visit], FloatArray]:
+    """Return the visits that lie in a recording with times ``t``, and their windows (m, 2) [s]."""
+    visits = [visit for visit in session.visits if _inside(visit, t)]
+    spans = [(v.still_s[0] + EDGE_S, v.still_s[1] - EDGE_S) for v in visits]
+    return visits, np.array(spans).reshape(-1, 2)
 
 
 def limits_of(stated: CheckLimits) -> Limits:
