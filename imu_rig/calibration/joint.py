@@ -22,7 +22,7 @@ from imu_rig.calibration.gyro_bias import track_bias
 from imu_rig.calibration.joint_data import joint_data
 from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults
 from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, start
-from imu_rig.calibration.joint_model import G_SENSITIVITY, offsets
+from imu_rig.calibration.joint_model import G_SENSITIVITY, attitudes, offsets
 from imu_rig.calibration.joint_result import (
     gain_at_zero,
     gyro_model,
@@ -174,6 +174,8 @@ def _outcome(session: Session, solved: _Solved) -> Outcome:
     error[solved.usable], error_sigma[solved.usable] = left_out.error, left_out.sigma
     sigma = np.full(m, np.nan)
     sigma[solved.usable] = fit.data.accel_sigma * fit.scales["accel"]
+    where = np.full((m, 3, 3), np.nan)
+    where[solved.usable] = attitudes(fit.data, fit.state).A
     warnings = [f.text for f in solved.findings]
     if not fit.converged:
         warnings.append("The fit of sensor and jig did not settle; do not rely on its figures.")
@@ -188,6 +190,7 @@ def _outcome(session: Session, solved: _Solved) -> Outcome:
         straightness=straightness(fit),
         jig=jig_estimate(fit),
         findings=solved.findings,
+        attitudes=where,
     )
 
 

@@ -90,7 +90,7 @@ def calibrate_from_stills(
         The solved accelerometer, whose axes become the magnetometer's.
     field_ut : float, optional
         Magnitude of the field [uT], where it is known.
-    attitudes : shape (m, 4), optional
+    attitudes : shape (m, 3, 3), optional
         Attitudes body to navigation whose headings are known.
     on_jig : bool
         Whether motors turned the sensor.

@@ -69,8 +69,8 @@ class FieldReadings:
         Their standard errors [uT].
     up : shape (n, 3) or None
         Unit vector up in the accelerometer's axes; NaN where it is not known.
-    attitudes : shape (n, 4) or None
-        Attitudes body to navigation, where their heading is known.
+    attitudes : shape (n, 3, 3) or None
+        Attitudes body to navigation, NaN where their heading is not known.
     cluster : shape (n,) or None
         Number of the stretch of time each sample belongs to, from 0; errors within one are not
         independent. None for still means, whose ``sem`` is trusted.
@@ -281,20 +281,22 @@ def _aligned(p: FloatArray, readings: FieldReadings) -> FloatArray:
     p = p.copy()
     p[12] = float(np.arcsin(np.clip(-np.median(np.sum(up * n, axis=1)), -1.0, 1.0)))
     if readings.attitudes is not None:
-        level = _level(readings.attitudes[known], up)
-        east, north = np.sum(rotation.rotate(level, n)[:, :2], axis=0)
+        attitudes = readings.attitudes[known]
+        seen = np.isfinite(attitudes[:, 0, 0])
+        level = _level(attitudes[seen], up[seen])
+        east, north = np.einsum("nij,nj->i", level, n[seen])[:2]
         p[13] = float(np.arctan2(north, east))
     return p
 
 
 def _level(attitudes: FloatArray, up: FloatArray) -> FloatArray:
-    """Tilt attitudes (n, 4) the short way until they agree with ``up``; headings stay."""
-    seen = rotation.rotate(attitudes, up)
+    """Tilt attitudes (n, 3, 3) the short way until they agree with ``up``; headings stay."""
+    seen = np.einsum("nij,nj->ni", attitudes, up)
     axis = np.cross(seen, np.array([0.0, 0.0, 1.0]))
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     angle = np.arctan2(sine, seen[:, 2:])
     tilt = rotation.from_rotation_vector(axis * angle / np.maximum(sine, 1e-12))
-    return rotation.multiply(tilt, attitudes)
+    return np.asarray(rotation.to_matrix(tilt) @ attitudes)
 
 
 def _rows(p: FloatArray, readings: FieldReadings) -> _Rows:
@@ -318,14 +320,16 @@ def _rows(p: FloatArray, readings: FieldReadings) -> _Rows:
         kinds.append(DIP)
         rows.append(at)
         if readings.attitudes is not None:
+            seen = np.isfinite(readings.attitudes[at, 0, 0])
+            at, up = at[seen], up[seen]
             level = _level(readings.attitudes[at], up)
-            w = rotation.rotate(level, h[at])
+            w = np.einsum("nij,nj->ni", level, h[at])
             flat = np.maximum(np.hypot(w[:, 0], w[:, 1]), 1e-6)
             off = np.arctan2(w[:, 1], w[:, 0]) - azimuth
             steep = np.cos(dip)
             residuals.append(steep * np.arctan2(np.sin(off), np.cos(off)))
             across = np.stack((-w[:, 1], w[:, 0], np.zeros(len(w))), 1) / flat[:, None] ** 2
-            slopes.append(steep * rotation.rotate(rotation.conjugate(level), across))
+            slopes.append(steep * np.einsum("nji,nj->ni", level, across))
             extra.append(np.tile([0.0, -steep], (len(at), 1)))
             kinds.append(AZIMUTH)
             rows.append(at)

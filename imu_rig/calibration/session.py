@@ -252,7 +252,8 @@ class Outcome:
     """What a method found: one or two sensors, the frame of K, and sentences for the user.
 
     Methods that know more say so: the accelerometer's gain at zero input where ``accel`` is the
-    best line over +-1 g, its nonlinearity, the jig's own errors, and faults as values.
+    best line over +-1 g, its nonlinearity, the jig's own errors, faults as values, and the
+    attitudes (m, 3, 3) of all stills, body to navigation, NaN where a still was set aside.
     """
 
     frame: str
@@ -263,3 +264,4 @@ class Outcome:
     straightness: Straightness | None = None
     jig: JigEstimate | None = None
     findings: tuple[Finding, ...] = ()
+    attitudes: FloatArray | None = None

@@ -30,19 +30,6 @@ def jig_matrices(angles_deg) -> np.ndarray:
     return rotation.about_z(pan) @ rotation.about_y(tilt) @ rotation.about_x(roll)
 
 
-def quaternions(A) -> np.ndarray:
-    """Unit quaternions of rotation matrices (m, 3, 3): eigenvector of Bar-Itzhack's matrix."""
-    M = np.zeros((len(A), 4, 4))
-    M[:, 0, 0] = np.trace(A, axis1=1, axis2=2)
-    v = np.stack(
-        (A[:, 2, 1] - A[:, 1, 2], A[:, 0, 2] - A[:, 2, 0], A[:, 1, 0] - A[:, 0, 1]), axis=1
-    )
-    M[:, 0, 1:], M[:, 1:, 0] = v, v
-    trace = M[:, 0, 0][:, None, None] * np.eye(3)
-    M[:, 1:, 1:] = A + np.swapaxes(A, 1, 2) - trace
-    return np.linalg.eigh(M)[1][:, :, -1]
-
-
 def field(dip_deg, azimuth_deg=40.0) -> np.ndarray:
     """Field in navigation axes, below the horizontal for a positive dip [uT]."""
     dip, azimuth = dip_deg * DEG, azimuth_deg * DEG

@@ -10,7 +10,6 @@ from simulated_fields import (
     field,
     jig_matrices,
     pose_list,
-    quaternions,
     session,
 )
 
@@ -68,7 +67,7 @@ def test_known_attitudes_do_better_than_the_dip_alone_where_the_pan_never_turned
     # The field lies in the plane in which the jig tilts: the dip does not see the roll axis.
     alone = calibrate(matrices, compass, np.random.default_rng(4), azimuth_deg=0.0)
     turn = rotation.from_rotation_vector(0.25 * DEG * rng.standard_normal((24, 3)))
-    measured = rotation.multiply(quaternions(matrices), turn)
+    measured = matrices @ rotation.to_matrix(turn)
     told = calibrate(
         matrices, compass, np.random.default_rng(4), azimuth_deg=0.0, attitudes=measured
     )
