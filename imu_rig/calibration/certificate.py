@@ -11,6 +11,7 @@ from pydantic import AwareDatetime, ConfigDict, Field, ValidationError, field_va
 from pydantic_core import from_json
 
 import imu_rig
+from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.certificate_parts import (
     ACCEL_BIAS_LIMIT,
@@ -23,8 +24,10 @@ from imu_rig.calibration.certificate_parts import (
     PoseEntry,
     RecordingEntry,
     StagesEntry,
+    TemperatureEntry,
     VerificationEntry,
 )
+from imu_rig.calibration.noise_model import NoiseModel
 from imu_rig.calibration.result import CalibrationResult
 from imu_rig.errors import DataError, InputError
 from imu_rig.files import read_small, write_whole
@@ -66,6 +69,8 @@ class Certificate(Part):
     warnings: tuple[str, ...] = ()
     recording: RecordingEntry | None = None
     verification: VerificationEntry | None = None
+    temperature: TemperatureEntry | None = None
+    noise: NoiseModel | None = None
 
     @field_validator("version", mode="before")
     @classmethod
@@ -105,6 +110,7 @@ def certificate_of(
     *,
     date: datetime | None = None,
     recording: tuple[str, str] | None = None,
+    noise: NoiseModel | None = None,
 ) -> Certificate:
     """Make the certificate of a result.
 
@@ -116,6 +122,8 @@ def certificate_of(
         With time zone; now, in UTC, by default.
     recording : (str, str), optional
         File name and SHA-256 (hexadecimal) of the recording it was solved from.
+    noise : NoiseModel, optional
+        Noise of the same sensor, from a recording of its own.
 
     Raises
     ------
@@ -141,6 +149,8 @@ def certificate_of(
             warnings=result.warnings,
             recording=None if recording is None else RecordingEntry.of(*recording),
             verification=VerificationEntry.of(result.verification),
+            temperature=TemperatureEntry.of(result.temperature),
+            noise=noise,
         )
     except ValidationError as error:
         problem = sentence(error, "a certificate")
@@ -176,6 +186,23 @@ def load_certificate(path: Path | str) -> Certificate:
 
 
 def apply_certificate(certificate: Certificate, block: ImuBlock) -> ImuBlock:
-    """Calibrate the samples of a block; a sensor the certificate lacks stays as it is."""
-    gyro = block.gyro if certificate.gyro is None else certificate.gyro.affine().apply(block.gyro)
-    return replace(block, accel=certificate.accel.affine().apply(block.accel), gyro=gyro)
+    """Calibrate the samples of a block; a sensor the certificate lacks stays as it is.
+
+    Where the certificate has a temperature term and the block temperatures, it is applied.
+    """
+    term = certificate.temperature if block.temperature is not None else None
+
+    def calibrated(entry: AffineEntry | None, raw: FloatArray, sensor: str) -> FloatArray:
+        if entry is None:
+            return raw
+        affine = entry.affine()
+        values: FloatArray = affine.apply(raw)
+        if term is None or block.temperature is None:
+            return values
+        return term.corrected(values, affine.b, block.temperature, sensor)
+
+    return replace(
+        block,
+        accel=calibrated(certificate.accel, block.accel, "accel"),
+        gyro=calibrated(certificate.gyro, block.gyro, "gyro"),
+    )

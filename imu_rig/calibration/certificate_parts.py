@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from imu_rig.arrays import FloatArray
 from imu_rig.calibration.gravity import PLAUSIBLE, Gravity
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import (
@@ -27,7 +28,7 @@ from imu_rig.calibration.temperature_term import (
     at_reference,
     warmth,
 )
-from imu_rig.calibration.verification import CheckRow, Verification
+from imu_rig.calibration.verification import CheckRow, Limits, Verification
 
 GAIN_LIMITS = (0.2, 5.0)
 """Gains of a nominally scaled sensor lie inside; anything else is a wrong unit or a wrong file."""
@@ -298,6 +299,12 @@ class VerificationEntry(Part):
             sigma_limit=verification.limits.sigma,
             checks=tuple(CheckEntry.of(row) for row in verification.rows),
         )
+
+    def verification(self, *, has_gyro: bool) -> Verification:
+        """Return the value of the calibration room, with its sentences."""
+        limits = Limits(self.accel_limit, self.turn_limit, self.sigma_limit)
+        rows = tuple(CheckRow(**check.model_dump()) for check in self.checks)
+        return Verification(rows, limits, has_gyro)
 
 
 class SlopesEntry(Part):

@@ -11,7 +11,9 @@ from imu_rig.arrays import FloatArray
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.jig_estimate import JigEstimate, Straightness
+from imu_rig.calibration.mag_result import MagResult
 from imu_rig.calibration.model import Affine, PhysicalFigures, physical_figures
+from imu_rig.calibration.temperature_term import TemperatureTerm
 
 if TYPE_CHECKING:
     from imu_rig.calibration.verification import Verification
@@ -173,6 +175,8 @@ class CalibrationResult:
         One sentence each; empty when nothing needs attention.
     verification : Verification or None
         Poses and moves kept out of the fit, judged; None where there were none.
+    temperature : TemperatureTerm or None
+        Linear dependence on temperature, where the recording spans enough of it.
     accel_at_zero : Affine or None
         The accelerometer's slope at zero input, where ``accel`` is the best line over +-1 g.
     straightness : Straightness or None
@@ -181,6 +185,8 @@ class CalibrationResult:
         Errors of the jig itself, where they were estimated.
     findings : tuple of Finding
         Faults that the data show, as values; their poses count all that were commanded.
+    mag : MagResult or None
+        Magnetometer, where there is one that the data determine.
     """
 
     method: str
@@ -198,10 +204,12 @@ class CalibrationResult:
     temperature_c: tuple[float, float] | None = None
     warnings: tuple[str, ...] = field(default=())
     verification: Verification | None = None
+    temperature: TemperatureTerm | None = None
     accel_at_zero: Affine | None = None
     straightness: Straightness | None = None
     jig: JigEstimate | None = None
     findings: tuple[Finding, ...] = ()
+    mag: MagResult | None = None
 
     @property
     def accel_figures(self) -> PhysicalFigures:
