@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.cli.summary import paragraph
+from imu_rig.cli.summary import paragraph, verification_lines
 from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line, wrapped
 from imu_rig.units import DEG, MILLI_G
 
@@ -44,6 +45,7 @@ def certificate_lines(certificate: Certificate) -> list[str]:
         error = turn_error(gyro)
         lines += _directional("90 deg turn", error, DEG, "deg", "all axes", "about")
     lines += _errors(certificate)
+    lines += _verification(certificate)
     for warning in certificate.warnings:
         lines += ["", *paragraph(one_line(warning, LONGEST_PARAGRAPH), mark="! ")]
     return lines
@@ -239,6 +241,14 @@ def _errors(certificate: Certificate) -> list[str]:
         return []
     header = f"  {'':36}{'raw':>10}{'fitted':>10}{'left out':>10}"
     return ["", "Errors over poses and moves, rms", header, *lines]
+
+
+def _verification(certificate: Certificate) -> list[str]:
+    if certificate.verification is None:
+        return []
+    found = certificate.verification.verification(has_gyro=certificate.gyro is not None)
+    rows = (replace(row, name=one_line(row.name), void=one_line(row.void)) for row in found.rows)
+    return ["", *verification_lines(replace(found, rows=tuple(rows)))]
 
 
 def _figures_json(figures: PhysicalFigures) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from imu_rig.calibration.accuracy import sphere_error
 from imu_rig.calibration.certificate import Certificate, load_certificate
-from imu_rig.calibration.certificate_parts import AffineEntry
+from imu_rig.calibration.certificate_parts import AffineEntry, CheckEntry, VerificationEntry
 from imu_rig.calibration.compare import compare
 from imu_rig.calibration.model import Affine
 from imu_rig.cli.main import app
@@ -76,6 +76,24 @@ def test_the_page_shows_warnings_and_nothing_that_steers_a_terminal(stored, tmp_
     page = run("show", file)
     assert "! Too warm." in page
     assert "Gyroscope" not in page
+    assert all(c.isprintable() or c == "\n" for c in page)
+
+
+def test_the_page_tells_how_checks_ended(stored, tmp_path):
+    limits = {"limit": 0.01, "sigma_limit": 4.0}
+    checks = (
+        CheckEntry(kind="pose", name="a\x1b[2J", error=0.001, sigma=0.002, sigmas=0.5, **limits),
+        CheckEntry(kind="move", name="a to b", error=0.001, sigma=0.002, sigmas=0.5, **limits),
+        CheckEntry(kind="pose", name="c", error=0.05, sigma=0.002, sigmas=25.0, **limits),
+    )
+    verification = VerificationEntry(
+        state="failed", accel_limit=0.01, turn_limit=0.01, sigma_limit=4.0, checks=checks
+    )
+    file = tmp_path / "c.json"
+    changed(stored, verification=verification).save(file)
+    page = run("show", file)
+    assert "Verification FAILED: 1 of 3 checks" in page
+    assert "5.099 mg and 25.0 std. dev. at most" in page  # 0.05 m/s^2
     assert all(c.isprintable() or c == "\n" for c in page)
 
 
