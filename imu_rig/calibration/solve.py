@@ -13,6 +13,11 @@ from imu_rig.calibration.ferraris import ferraris
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.joint import joint
 from imu_rig.calibration.known import Known, windows_with
+from imu_rig.calibration.magnetometer_beside import (
+    MAGNETOMETER,
+    magnetometer_alone,
+    magnetometer_beside,
+)
 from imu_rig.calibration.multi_position import multi_position
 from imu_rig.calibration.paper_method import paper, paper_diagonal
 from imu_rig.calibration.result import (
@@ -64,8 +69,11 @@ def solve(
     gyro_limit: float | None = None,
     limits: Limits | None = None,
     known: Known | None = None,
+    field_ut: float | None = None,
 ) -> CalibrationResult:
     """Calibrate accelerometer and gyroscope from a recording of still poses and moves.
+
+    A magnetometer is calibrated beside them; where that fails, a warning says why.
 
     Parameters
     ----------
@@ -75,7 +83,7 @@ def solve(
         Begin and end of every still [s] on ``block.t``, settling cut off; found automatically
         where not given.
     method : str
-        A name in `METHODS`.
+        A name in `METHODS`, or ``"magnetometer"``, which calibrates nothing else.
     gravity : Gravity or float, optional
         Local gravity, a number in m/s^2; standard gravity by default, which the result states.
     commanded : CommandedPoses, optional
@@ -88,6 +96,8 @@ def solve(
         Largest errors with which commanded check poses pass; they never take part in the fit.
     known : Known, optional
         Facts that some methods need: named parts, known rates.
+    field_ut : float, optional
+        Magnitude of the magnetic field [uT], where it is known.
 
     Raises
     ------
@@ -96,9 +106,12 @@ def solve(
     InputError
         Arguments that do not fit each other.
     """
-    if method not in METHODS:
-        raise InputError(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
     local = Gravity.given(gravity) if isinstance(gravity, float | int) else gravity or Gravity()
+    if method == MAGNETOMETER:
+        return magnetometer_alone(block, local, device or DeviceInfo(), field_ut)
+    if method not in METHODS:
+        names = ", ".join((*METHODS, MAGNETOMETER))
+        raise InputError(f"there is no method {method!r}; choose one of {names}")
     facts = known or Known()
     if windows is None and facts.face_parts:
         found = find_stills(block)
@@ -107,6 +120,8 @@ def solve(
     session = replace(session, known=facts)
     outcome = METHODS[method](session)
     result = _result(session, outcome, method, device or DeviceInfo(), warnings)
+    mag, more = magnetometer_beside(session, outcome, field_ut)
+    result = replace(result, mag=mag, warnings=(*result.warnings, *more))
     if commanded is None or not any(commanded.check):
         return result
     verification = _verification(
