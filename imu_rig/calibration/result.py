@@ -12,7 +12,6 @@ from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.jig_estimate import JigEstimate, Straightness
 from imu_rig.calibration.mag_result import MagResult
-from imu_rig.calibration.mag_result import MagResult
 from imu_rig.calibration.model import Affine, PhysicalFigures, physical_figures
 from imu_rig.calibration.temperature_term import TemperatureTerm
 
@@ -186,8 +185,6 @@ class CalibrationResult:
         Errors of the jig itself, where they were estimated.
     findings : tuple of Finding
         Faults that the data show, as values; their poses count all that were commanded.
-    mag : MagResult or None
-        Magnetometer, where there is one that the data determine.
     mag : MagResult or None
         Magnetometer, where there is one that the data determine.
     """
