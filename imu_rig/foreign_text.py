@@ -8,10 +8,14 @@ LONGEST = 200
 LONGEST_PARAGRAPH = 1000
 
 
+def printable(text: str) -> str:
+    """Put blanks for what is not printable: line ends, escapes, changes of direction."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def one_line(text: str, longest: int = LONGEST) -> str:
-    """Return one line of printable characters: no line ends, escapes or changes of direction."""
-    printable = "".join(c if c.isprintable() else " " for c in text[: 2 * longest])
-    line = " ".join(printable.split())
+    """Return one line of printable characters, not too long, with single blanks."""
+    line = " ".join(printable(text[: 2 * longest]).split())
     return line if len(line) <= longest else f"{line[: longest - 3]}..."
 
 

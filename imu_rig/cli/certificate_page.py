@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from imu_rig.cli.summary import paragraph, verification_lines
-from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line, wrapped
+from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line, printable, wrapped
 from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
     from imu_rig.arrays import FloatArray
     from imu_rig.calibration.accuracy import DirectionalError
     from imu_rig.calibration.certificate import Certificate
-    from imu_rig.calibration.certificate_parts import StagesEntry
+    from imu_rig.calibration.certificate_parts import SlopesEntry, StagesEntry, TemperatureEntry
     from imu_rig.calibration.compare import Comparison
     from imu_rig.calibration.model import Affine, PhysicalFigures
 
@@ -31,6 +30,7 @@ def certificate_lines(certificate: Certificate) -> list[str]:
     """Lines that show a certificate."""
     from imu_rig.calibration.accuracy import sphere_error, turn_error
     from imu_rig.calibration.model import physical_figures
+    from imu_rig.cli.noise import noise_lines
 
     accel = certificate.accel.affine()
     lines = _head(certificate)
@@ -44,11 +44,15 @@ def certificate_lines(certificate: Certificate) -> list[str]:
         lines += _figures(physical_figures(gyro, accel), DEG, "deg/s", gyro.coverage_factor)
         error = turn_error(gyro)
         lines += _directional("90 deg turn", error, DEG, "deg", "all axes", "about")
+    if certificate.temperature is not None:
+        lines += _temperature(certificate.temperature)
     lines += _errors(certificate)
     lines += _verification(certificate)
+    if certificate.noise is not None:
+        lines += ["", *noise_lines(certificate.noise)[:-1]]
     for warning in certificate.warnings:
         lines += ["", *paragraph(one_line(warning, LONGEST_PARAGRAPH), mark="! ")]
-    return lines
+    return [printable(line) for line in lines]
 
 
 def certificate_figures(certificate: Certificate) -> dict[str, Any]:
@@ -213,6 +217,26 @@ def _row(
     return f"  {label:{LABEL}}{' '.join(cells)}".rstrip()
 
 
+def _temperature(term: TemperatureEntry) -> list[str]:
+    import numpy as np
+
+    rows: tuple[tuple[str, SlopesEntry | None, float], ...] = (
+        ("bias [mg]", term.accel_bias, MILLI_G),
+        ("scale [%]", term.accel_scale, 0.01),
+        ("gyro [deg/s]", term.gyro_bias, DEG),
+    )
+    lines = wrapped(
+        f"Temperature: K and b hold at {term.reference_c:.1f} degC; change per degree, measured "
+        f"from {term.low_c:.1f} to {term.high_c:.1f} degC",
+        WIDTH,
+    )
+    for label, slopes, unit in rows:
+        if slopes is not None:
+            value = np.array(slopes.value) / unit
+            lines.append(_row(label, value, np.array(slopes.standard_uncertainty) / unit, "xyz"))
+    return ["", *lines]
+
+
 def _directional(
     label: str, error: DirectionalError, unit: float, name: str, over: str, where: str
 ) -> list[str]:
@@ -247,8 +271,7 @@ def _verification(certificate: Certificate) -> list[str]:
     if certificate.verification is None:
         return []
     found = certificate.verification.verification(has_gyro=certificate.gyro is not None)
-    rows = (replace(row, name=one_line(row.name), void=one_line(row.void)) for row in found.rows)
-    return ["", *verification_lines(replace(found, rows=tuple(rows)))]
+    return ["", *verification_lines(found)]
 
 
 def _figures_json(figures: PhysicalFigures) -> dict[str, Any]:

@@ -10,9 +10,16 @@ from typer.testing import CliRunner
 
 from imu_rig.calibration.accuracy import sphere_error
 from imu_rig.calibration.certificate import Certificate, load_certificate
-from imu_rig.calibration.certificate_parts import AffineEntry, CheckEntry, VerificationEntry
+from imu_rig.calibration.certificate_parts import (
+    AffineEntry,
+    CheckEntry,
+    SlopesEntry,
+    TemperatureEntry,
+    VerificationEntry,
+)
 from imu_rig.calibration.compare import compare
 from imu_rig.calibration.model import Affine
+from imu_rig.calibration.noise_model import NoiseModel
 from imu_rig.cli.main import app
 from imu_rig.errors import InputError
 from imu_rig.units import MILLI_G
@@ -95,6 +102,33 @@ def test_the_page_tells_how_checks_ended(stored, tmp_path):
     assert "Verification FAILED: 1 of 3 checks" in page
     assert "5.099 mg and 25.0 std. dev. at most" in page  # 0.05 m/s^2
     assert all(c.isprintable() or c == "\n" for c in page)
+
+
+def test_the_page_shows_temperature_and_noise(stored, tmp_path):
+    slopes = SlopesEntry(value=(0.00980665, 0, 0), standard_uncertainty=(0.000980665,) * 3)
+    term = TemperatureEntry(reference_c=25.0, low_c=20.0, high_c=31.5, accel_bias=slopes)
+    one = {"value": 0.01, "standard_uncertainty": 0.001, "low": 0.008, "high": 0.012}
+    names = ("white", "instability", "walk", "quantization", "ramp")
+    axis = {**dict.fromkeys(names, one), "floor": 0.001, "floor_s": 100.0}
+    noise = NoiseModel.model_validate(
+        {
+            "date": stored.date,
+            "software": "test",
+            "device": {"name": "foot\x1b[2J"},
+            "rate_hz": 100.0,
+            "duration_s": 3600.0,
+            "accel": {"x": axis, "y": axis, "z": axis},
+        }
+    )
+    file = tmp_path / "c.json"
+    changed(stored, temperature=term, noise=noise).save(file)
+    page = run("show", file)
+    assert "hold at 25.0 degC" in page
+    assert re.search(r"bias \[mg\] +x +1\.00 ± 0\.10 +y +0\.00 ± 0\.10", page)
+    assert "Noise of foot" in page
+    assert all(c.isprintable() or c == "\n" for c in page)
+    answer = json.loads(run("export", file, "--to", "csv", "-o", tmp_path / "foot.csv", "--json"))
+    assert ["25.0 degC" in note for note in answer["notes"]] == [True]
 
 
 def test_json_holds_the_certificate_and_its_derived_figures(stored):

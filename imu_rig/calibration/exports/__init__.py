@@ -7,6 +7,7 @@ silently.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.exports.ardupilot import ardupilot
@@ -44,4 +45,6 @@ def export_certificate(
     """
     if target not in TARGETS:
         raise InputError(f"there is no export to {target!r}; choose one of {', '.join(TARGETS)}")
-    return TARGETS[target](Source.of(certificate), options or ExportOptions())
+    source = Source.of(certificate)
+    done = TARGETS[target](source, options or ExportOptions())
+    return replace(done, notes=(*source.notes, *done.notes))

@@ -37,6 +37,8 @@ class Source:
         Gravity the accelerometer is scaled to [m/s^2].
     field : float
         Size of the magnetic field that errors are judged at [uT].
+    notes : tuple of str
+        What no export holds, one sentence each.
     """
 
     about: tuple[str, ...]
@@ -45,11 +47,18 @@ class Source:
     mag: Affine | None = None
     gravity: float = STANDARD_GRAVITY
     field: float = 50.0
+    notes: tuple[str, ...] = ()
 
     @staticmethod
     def of(certificate: Certificate) -> Source:
         """Take what a certificate holds; its texts come from outside and are made harmless."""
-        device = certificate.device
+        device, term = certificate.device, certificate.temperature
+        notes: tuple[str, ...] = ()
+        if term is not None:
+            notes = (
+                f"The calibration holds at {term.reference_c:.1f} degC; how it changes with "
+                "temperature is not exported.",
+            )
         named = f"{device.name or 'a sensor without a name'}"
         if device.serial:
             named += f", serial {device.serial}"
@@ -62,10 +71,11 @@ class Source:
         if certificate.warnings:
             about.append(f"The certificate has {len(certificate.warnings)} warning(s): read them.")
         return Source(
-            about=tuple(part for line in about for part in wrapped(line, LINE_WIDTH)),
+            about=tuple(part for line in (*about, *notes) for part in wrapped(line, LINE_WIDTH)),
             accel=certificate.accel.affine(),
             gyro=None if certificate.gyro is None else certificate.gyro.affine(),
             gravity=certificate.gravity.value,
+            notes=notes,
         )
 
     @property
