@@ -13,6 +13,7 @@ from pydantic_core import from_json
 import imu_rig
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.certificate_magnetometer import MagEntry
 from imu_rig.calibration.certificate_parts import (
     ACCEL_BIAS_LIMIT,
     GYRO_BIAS_LIMIT,
@@ -71,6 +72,7 @@ class Certificate(Part):
     verification: VerificationEntry | None = None
     temperature: TemperatureEntry | None = None
     noise: NoiseModel | None = None
+    mag: MagEntry | None = None
 
     @field_validator("version", mode="before")
     @classmethod
@@ -151,6 +153,7 @@ def certificate_of(
             verification=VerificationEntry.of(result.verification),
             temperature=TemperatureEntry.of(result.temperature),
             noise=noise,
+            mag=MagEntry.of(result.mag),
         )
     except ValidationError as error:
         problem = sentence(error, "a certificate")
@@ -201,8 +204,12 @@ def apply_certificate(certificate: Certificate, block: ImuBlock) -> ImuBlock:
             return values
         return term.corrected(values, affine.b, block.temperature, sensor)
 
+    mag = block.mag
+    if mag is not None and certificate.mag is not None:
+        mag = certificate.mag.affine.affine().apply(mag)
     return replace(
         block,
         accel=calibrated(certificate.accel, block.accel, "accel"),
         gyro=calibrated(certificate.gyro, block.gyro, "gyro"),
+        mag=mag,
     )

@@ -34,8 +34,10 @@ QUASI_STATIC = 0.1
 """Largest difference of the specific force from gravity, over gravity, at which it shows up."""
 FIELD_RANGE_UT = (5.0, 500.0)
 """Magnitudes of a field that somebody may state."""
+USUAL_FIELD_UT = (15.0, 100.0)
+"""Magnitudes that a magnetometer near no iron may read, scale errors included."""
 GAIN_RANGE = (0.25, 4.0)
-"""Mean gain beyond which the stated field or the unit of the readings is wrong."""
+"""Gains beyond which the stated field or the unit of the readings is wrong."""
 STRANGE_GAIN = 1.4
 SATURATED_SHARE = 0.05
 DISTURBED = 2.5
@@ -299,11 +301,17 @@ def _alignment(readings: FieldReadings, fit: FieldFit) -> Alignment:
 
 
 def _unit_warnings(fit: FieldFit, field_ut: float | None) -> list[str]:
+    gains = np.linalg.svd(fit.affine.K, compute_uv=False)
+    gain = float(np.prod(gains)) ** (1 / 3)
+    raw = fit.field_ut / gain
     if field_ut is None:
-        return []
-    gain = float(np.abs(np.linalg.det(fit.affine.K))) ** (1 / 3)
-    raw = field_ut / gain
-    if not GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
+        if USUAL_FIELD_UT[0] <= raw <= USUAL_FIELD_UT[1]:
+            return []
+        return [
+            f"The magnetometer reads a field of {raw:.3g} uT, where the Earth's is 22 to 67: "
+            "check its unit, and keep it away from iron."
+        ]
+    if not (GAIN_RANGE[0] < gains[2] and gains[0] < GAIN_RANGE[1]):
         raise DataError(
             f"the field is stated as {field_ut:g} uT, but it reads {raw:.3g}: its unit or the "
             "stated field is wrong"
