@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn, TextIO
 import typer
 
 from imu_rig import __version__
-from imu_rig.cli import calibrate, certificate, demo, export, info, noise, simulate, solve
+from imu_rig.cli import calibrate, certificate, demo, export, info, noise, simulate, solve, verify
 from imu_rig.errors import ImuRigError, StorageError
 
 app = typer.Typer(
@@ -31,6 +31,7 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("solve")(solve.solve)
+app.command("verify")(verify.verify)
 app.command("noise")(noise.noise)
 app.command("info")(info.info)
 app.command("export")(export.export)

@@ -31,6 +31,7 @@ from imu_rig.report.tables import (
     pose_table,
 )
 from imu_rig.report.verdict import Verdict, gravity_sentence, verdict
+from imu_rig.report.verification import figure_count, verification_section
 from imu_rig.units import DEG, MILLI_G
 
 __all__ = ["SessionSummary", "Truth", "calibration_report", "write_report"]
@@ -71,6 +72,7 @@ def calibration_report(
         _header(title, result, certificate),
         _verdict(verdict(result, session)),
         _cards(result, found),
+        Html("") if result.verification is None else verification_section(result.verification),
         _parameters(result, found),
         _figures(result, found),
         _session(session),
@@ -179,7 +181,7 @@ def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
 
 
 def _figures(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
-    drawn = Figures()
+    drawn = Figures(before=figure_count(result.verification))
     with report_style():
         if result.poses:
             _draw_pose_figures(drawn, result)

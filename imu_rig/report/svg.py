@@ -95,14 +95,15 @@ def inline(figure: Figure, name: str, description: str) -> Html:
 
 
 class Figures:
-    """Figures with their captions, numbered in order."""
+    """Figures with their captions, numbered in order from those ``before`` on."""
 
-    def __init__(self) -> None:
+    def __init__(self, before: int = 0) -> None:
         self.parts: list[Html] = []
+        self._before = before
 
     def add(self, name: str, figure: Figure, title: str, caption: str) -> None:
         """Draw one more; ``name`` as for `inline`."""
-        heading = f"Figure {len(self.parts) + 1}. {title}."
+        heading = f"Figure {self._before + len(self.parts) + 1}. {title}."
         self.parts.append(
             element(
                 "figure",

@@ -47,13 +47,25 @@ class Verdict:
 
 def verdict(result: CalibrationResult, session: SessionSummary | None = None) -> Verdict:
     """Put a result into words."""
-    attention = (*result.warnings, *_own_observations(result, session))
+    checked = result.verification
+    failed = checked is not None and not checked.passed
+    reasons = () if checked is None else checked.reasons or (checked.headline,) * failed
+    attention = (
+        *reasons,
+        *result.warnings,
+        *_own_observations(result, session),
+    )
     sensors = "Accelerometer" if result.gyro is None else "Accelerometer and gyroscope"
-    if attention:
+    if checked is not None and failed:
+        headline = checked.headline
+    elif attention:
         headline = f"{sensors} calibrated, with {counted(len(attention), 'point')} to heed"
     else:
         headline = f"{sensors} calibrated; nothing needs attention"
-    sentences = [_what(result, session), _accelerometer(result)]
+    sentences = [_what(result, session)]
+    if checked is not None and not failed:
+        sentences.append(checked.headline)
+    sentences.append(_accelerometer(result))
     if result.gyro is not None:
         sentences.append(_gyroscope(result))
     ratio = left_out_ratio(result)

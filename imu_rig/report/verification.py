@@ -37,15 +37,21 @@ def verification_section(verification: Verification) -> Html:
     return section(
         "Verification",
         element("p", f"{verification.headline} {_limits(verification)}"),
+        *_tables(verification),
         element(
             "p",
             "These poses, and the moves to and from them, were kept out of the fit. The predicted "
             "σ comes from the uncertainty of the parameters and the noise of the check.",
             class_="note",
         ),
-        *_tables(verification),
-        element("div", *_drawn(verification), class_="figures"),
+        element("div", *_drawn(verification, later=False), class_="figures"),
     )
+
+
+def figure_count(verification: Verification | None) -> int:
+    """How many figures `verification_section` holds."""
+    rows = () if verification is None else verification.rows
+    return len({row.kind for row in rows if row.error is not None})
 
 
 def verification_page(
@@ -95,7 +101,7 @@ def verification_page(
                 "The predicted σ allows for what sensors of this class drift from day to day.",
                 class_="note",
             ),
-            element("div", *_drawn(verification), class_="figures"),
+            element("div", *_drawn(verification, later=True), class_="figures"),
         ),
         section(
             "Provenance",
@@ -112,13 +118,18 @@ def verification_page(
     )
 
 
-def check_figure(rows: list[CheckRow], unit: float, name: str) -> Figure:
-    """Errors of the checks that count, with their predicted σ and their limits."""
+def check_figure(rows: list[CheckRow], unit: float, name: str, *, later: bool) -> Figure:
+    """Errors of the checks that count, with their limits.
+
+    With each error stands its predicted σ or, in a ``later`` check, its noise: the prediction
+    allows for another day then and is wider than the limits.
+    """
     figure = new_figure(300.0)
     axes = panel(figure, 66.0, 46.0, 442.0, 222.0)
     x = np.arange(1, len(rows) + 1, dtype=float)
     error = np.array([np.nan if r.error is None else r.error for r in rows]) / unit
-    sigma = np.array([np.nan if r.sigma is None else r.sigma for r in rows]) / unit
+    spread = [r.noise if later else r.sigma for r in rows]
+    sigma = np.array([np.nan if s is None else s for s in spread]) / unit
     allowed = np.array([r.allowed for r in rows]) / unit
     failed = np.array([r.state == "failed" for r in rows])
     signed = bool(np.any(error < 0))
@@ -128,8 +139,9 @@ def check_figure(rows: list[CheckRow], unit: float, name: str) -> Figure:
             sign * allowed, x - 0.4, x + 0.4, color=LIMIT_INK, linewidth=1.4,
             label="limit and noise of the check" if sign > 0 else "_again",
         )  # fmt: skip
+    bar = "noise" if later else "predicted σ"
     low = np.maximum(error - sigma, 0.0 if not signed else -np.inf)
-    axes.vlines(x, low, error + sigma, color=AFTER, linewidth=1.1, label="± predicted σ")
+    axes.vlines(x, low, error + sigma, color=AFTER, linewidth=1.1, label=f"± {bar}")
     axes.plot(x[~failed], error[~failed], "o", color=AFTER, markersize=6, label="error")
     if failed.any():
         axes.plot(x[failed], error[failed], "D", color=LEFT_OUT, markersize=7, label="beyond")
@@ -150,7 +162,7 @@ def check_figure(rows: list[CheckRow], unit: float, name: str) -> Figure:
     return figure
 
 
-def _drawn(verification: Verification) -> list[Html]:
+def _drawn(verification: Verification, *, later: bool) -> list[Html]:
     drawn = Figures()
     with report_style():
         for kind, title, unit, name in KINDS:
@@ -158,10 +170,11 @@ def _drawn(verification: Verification) -> list[Html]:
             if any(row.error is not None for row in rows):
                 drawn.add(
                     f"check{kind}",
-                    check_figure(rows, unit, name),
+                    check_figure(rows, unit, name, later=later),
                     title,
-                    "Error of every check, numbered as in the table, with its predicted standard "
-                    "uncertainty and the largest error that passes.",
+                    "Error of every check, numbered as in the table, with "
+                    + ("the noise of the check" if later else "its predicted uncertainty")
+                    + " (one standard deviation) and the largest error that passes.",
                 )
     return drawn.parts
 
@@ -212,7 +225,10 @@ def _cards(verification: Verification) -> list[Html]:
             continue
         worst = max(abs(row.error or 0.0) for row in found) / unit
         limit = found[0].limit / unit
-        about = f"of {counted(len(found), f'check {kind}')}; limit {significant(limit, 2)} {name}"
+        about = (
+            f"of {counted(len(found), f'check {kind}')}; limit {significant(limit, 2)} {name} "
+            "beyond noise"
+        )
         cards.append(card(label, significant(worst), name, about))
     return cards
 
