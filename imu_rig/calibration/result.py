@@ -220,3 +220,16 @@ class CalibrationResult:
     def gyro_figures(self) -> PhysicalFigures | None:
         """Scale [%], cross-axis leans [rad] and bias [rad/s] of the gyroscope."""
         return None if self.gyro is None else physical_figures(self.gyro, self.accel)
+
+    @property
+    def mag_figures(self) -> PhysicalFigures | None:
+        """Scale [%], leans against the accelerometer's axes [rad] and hard iron [uT]."""
+        if self.mag is None:
+            return None
+        aligned = self.mag.alignment != "none"
+        return physical_figures(self.mag.affine, self.accel if aligned else None)
+
+    @property
+    def only_magnetometer(self) -> bool:
+        """Whether the magnetometer alone was calibrated."""
+        return self.method == "magnetometer"

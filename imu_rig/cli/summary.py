@@ -7,6 +7,11 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from imu_rig.cli.magnetometer_summary import (
+    counted_readings,
+    magnetometer_errors,
+    magnetometer_lines,
+)
 from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
@@ -29,26 +34,38 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     from imu_rig.calibration.model import physical_figures
 
     lines = _failed(result.verification)
+    mag = result.mag
+    source = f"{len(result.poses)} poses and {len(result.moves)} moves"
+    if mag is not None and result.only_magnetometer:
+        source = counted_readings(mag)
     lines += [
-        f"Calibration of {result.device.name or 'the sensor'} by {result.method} from "
-        f"{len(result.poses)} poses and {len(result.moves)} moves",
+        f"Calibration of {result.device.name or 'the sensor'} by {result.method} from {source}",
         "",
     ]
     lines += _errors("gravity magnitude error, rms [mg]", result.accel_errors, MILLI_G)
     lines += _errors("gravity direction per move, rms [deg]", result.gyro_errors, DEG)
+    lines += [] if mag is None else [magnetometer_errors(mag)]
     if result.verification is not None:
         lines += ["", *verification_lines(result.verification)]
     lines.append("")
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
     true = None if truth is None else physical_figures(truth.accel)
-    lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
+    if not result.only_magnetometer:
+        lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
     if result.gyro_figures is not None:
         true = None
         if truth is not None and truth.gyro is not None:
             true = physical_figures(truth.gyro, truth.accel)
         lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
-    lines += ["", *paragraph(result.gravity.statement)]
+    if mag is not None and result.mag_figures is not None:
+        # A truth of simulated sensors holds accelerometer and gyroscope only.
+        lines += _figures("magnetometer", result.mag_figures, 1.0, "uT", None)
+        lines += ["", *magnetometer_lines(mag)]
+    if not result.only_magnetometer:
+        lines += ["", *paragraph(result.gravity.statement)]
+    for note in () if mag is None else mag.notes:
+        lines += ["", *paragraph(note)]
     for warning in result.warnings:
         lines += ["", *paragraph(warning, mark="! ")]
     return lines

@@ -21,7 +21,11 @@ EDGE_S = 0.05  # cut off both ends of a hold: live and final clock fit differ by
 
 
 def solve_session(
-    trial: Trial, *, method: str = DEFAULT_METHOD, gravity: Gravity | None = None
+    trial: Trial,
+    *,
+    method: str = DEFAULT_METHOD,
+    gravity: Gravity | None = None,
+    field_ut: float | None = None,
 ) -> CalibrationResult:
     """Calibrate from the finished poses of the session in a trial file.
 
@@ -46,7 +50,7 @@ def solve_session(
             f"compare it with the sensor's certificate: imu-rig verify CERTIFICATE {trial.path}"
         )
     try:
-        return _solve(block, session, visits, windows, method, gravity)
+        return _solve(block, session, visits, windows, method, gravity, field_ut)
     except DataError as error:
         if session.next_step == len(session.protocol.steps):
             raise
@@ -64,12 +68,14 @@ def _solve(
     windows: FloatArray,
     method: str,
     gravity: Gravity | None,
+    field_ut: float | None,
 ) -> CalibrationResult:
     return solve(
         block,
         windows,
         method=method,
         gravity=gravity,
+        field_ut=field_ut,
         commanded=CommandedPoses(
             np.array([_degrees(v.commanded_deg) for v in visits]),
             tuple(f"{v.index + 1}: {v.name}" for v in visits),
