@@ -30,6 +30,7 @@ class TableOptions:
     gyro_unit: str | None = None
     mag_unit: str | None = None
     time_unit: str | None = None
+    mag: str | None = None
 
     def column_map(self) -> ColumnMap:
         """Return the columns and units: those of the map file where no option says otherwise."""
@@ -41,6 +42,7 @@ class TableOptions:
             rate_hz=self.rate,
             accel=self.accel,
             gyro=self.gyro,
+            mag=self.mag,
             time=self.time,
             accel_unit=self.accel_unit,
             gyro_unit=self.gyro_unit,

@@ -13,12 +13,14 @@ from imu_rig.cli.options import (
     AccelColumns,
     AccelUnit,
     Columns,
+    FieldUt,
     Gravity_,
     GyroColumns,
     GyroUnit,
     Height,
     Json,
     Latitude,
+    MagColumns,
     MagUnit,
     MapFile,
     Method,
@@ -39,7 +41,9 @@ if TYPE_CHECKING:
 
 
 def solve(
-    file: Annotated[Path, typer.Argument(help="A trial file, a CSV or white-space text.")],
+    file: Annotated[
+        Path, typer.Argument(help="A trial file, a CSV or white-space text.")
+    ],
     method: Method = DEFAULT_METHOD,
     gravity: Gravity_ = None,
     latitude: Latitude = None,
@@ -49,11 +53,13 @@ def solve(
     rate: Rate = None,
     accel: AccelColumns = None,
     gyro: GyroColumns = None,
+    mag: MagColumns = None,
     time: TimeColumn = None,
     accel_unit: AccelUnit = None,
     gyro_unit: GyroUnit = None,
     mag_unit: MagUnit = None,
     time_unit: TimeUnit = None,
+    field: FieldUt = None,
     name: SensorName = "",
     serial: Serial = "",
     output: Output = None,
@@ -65,14 +71,26 @@ def solve(
 
     local_gravity = gravity_from(gravity, latitude, height)
     table = TableOptions(
-        map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit
+        map_file,
+        columns,
+        rate,
+        accel,
+        gyro,
+        time,
+        accel_unit,
+        gyro_unit,
+        mag_unit,
+        time_unit,
+        mag,
     )
     trial = open_if_trial(file, table)
     if trial is not None:
-        result = _solve_trial(trial, method, local_gravity)
+        result = _solve_trial(trial, method, local_gravity, field)
         digest = trial.sha256
     else:
-        result, digest = _solve_table(file, table, method, local_gravity, name, serial)
+        result, digest = _solve_table(
+            file, table, method, local_gravity, field, name, serial
+        )
     certificate = certificate_of(result, recording=(file.name, digest))
     files: dict[str, str] = {}
     if output is not None:
@@ -80,10 +98,14 @@ def solve(
         files = sessions.write_results(folder, result, certificate, trial=trial)
     sessions.show(result, certificate, files, as_json=as_json)
     if not files and not as_json:
-        sys.stderr.write("Nothing was written; --output DIR writes certificate and report.\n")
+        sys.stderr.write(
+            "Nothing was written; --output DIR writes certificate and report.\n"
+        )
 
 
-def _solve_trial(trial: Trial, method: str, gravity: Gravity) -> CalibrationResult:
+def _solve_trial(
+    trial: Trial, method: str, gravity: Gravity, field: float | None
+) -> CalibrationResult:
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
     from imu_rig.cli.info import require_one_imu
@@ -91,19 +113,31 @@ def _solve_trial(trial: Trial, method: str, gravity: Gravity) -> CalibrationResu
     from imu_rig.session.solve import solve_session
 
     if is_session(trial):
-        return solve_session(trial, method=method, gravity=gravity)
+        return solve_session(trial, method=method, gravity=gravity, field_ut=field)
     sensor = require_one_imu(trial, None)
     return solve_block(
-        trial.imu(sensor), method=method, gravity=gravity, device=DeviceInfo(name=sensor)
+        trial.imu(sensor),
+        method=method,
+        gravity=gravity,
+        field_ut=field,
+        device=DeviceInfo(name=sensor),
     )
 
 
 def _solve_table(
-    file: Path, table: TableOptions, method: str, gravity: Gravity, name: str, serial: str
+    file: Path,
+    table: TableOptions,
+    method: str,
+    gravity: Gravity,
+    field: float | None,
+    name: str,
+    serial: str,
 ) -> tuple[CalibrationResult, str]:
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
 
     block, digest = read_block(file, table)
     device = DeviceInfo(name=name or file.stem, serial=serial)
-    return solve_block(block, method=method, gravity=gravity, device=device), digest
+    return solve_block(
+        block, method=method, gravity=gravity, field_ut=field, device=device
+    ), digest
