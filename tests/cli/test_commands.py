@@ -50,11 +50,11 @@ def test_the_demo_ends_in_a_certificate_that_holds(finished: dict[str, Any]) -> 
 
 
 def test_a_session_exported_and_solved_as_a_table_says_the_same(
-    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+    inside: Any, finished: dict[str, Any], tmp_path: Path
 ) -> None:
     table = tmp_path / "session.csv"
-    imu_rig("export", finished["files"]["trial"], "-o", table)
-    done = imu_rig("solve", table, "--json")
+    inside("export", finished["files"]["trial"], "-o", table)
+    done = inside("solve", table, "--json")
     by_table = json.loads(done.stdout)["certificate"]
     by_trial = finished["certificate"]
     for sensor, tolerance in (("accel", 1e-3), ("gyro", 2e-3)):
@@ -64,11 +64,11 @@ def test_a_session_exported_and_solved_as_a_table_says_the_same(
 
 
 def test_export_applies_a_certificate(
-    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+    inside: Any, finished: dict[str, Any], tmp_path: Path
 ) -> None:
     files = finished["files"]
     table = tmp_path / "calibrated.csv"
-    done = imu_rig(
+    done = inside(
         "export", files["trial"], "--certificate", files["certificate"], "-o", table, "--json"
     )
     summary = json.loads(done.stdout)
@@ -80,47 +80,47 @@ def test_export_applies_a_certificate(
     assert rows[:, 1:4] == pytest.approx(block.accel, rel=1e-6, abs=1e-6)
     assert rows[:, 4:7] == pytest.approx(block.gyro, rel=1e-6, abs=1e-8)
     assert table.read_text().startswith("t_s,accel_x_mps2")
-    imu_rig("export", files["trial"], "-o", table, code=2)  # never overwrites
+    inside("export", files["trial"], "-o", table, code=2)  # never overwrites
 
 
-def test_info_tells_what_files_hold(imu_rig: Any, finished: dict[str, Any]) -> None:
+def test_info_tells_what_files_hold(inside: Any, finished: dict[str, Any]) -> None:
     files = finished["files"]
-    facts = json.loads(imu_rig("info", files["trial"], "--json").stdout)
+    facts = json.loads(inside("info", files["trial"], "--json").stdout)
     assert facts["ended"] == "complete"
     assert facts["session"]["finished"] == "24 of 24 stops"
     assert facts["sources"]["imu"]["lost"] == 0
-    assert "24 of 24 stops" in imu_rig("info", files["trial"]).stdout
-    shown = json.loads(imu_rig("info", files["certificate"], "--json").stdout)
+    assert "24 of 24 stops" in inside("info", files["trial"]).stdout
+    shown = json.loads(inside("info", files["certificate"], "--json").stdout)
     assert len(shown["certificate"]["poses"]) == 24
 
 
 @pytest.mark.parametrize("method", ["paper", "paper-diagonal"])
 def test_the_published_methods_solve_the_same_session_worse(
-    imu_rig: Any, finished: dict[str, Any], method: str
+    inside: Any, finished: dict[str, Any], method: str
 ) -> None:
-    done = imu_rig("solve", finished["files"]["trial"], "--method", method, "--json")
+    done = inside("solve", finished["files"]["trial"], "--method", method, "--json")
     theirs = json.loads(done.stdout)["certificate"]["accel_errors"]["held_out"]["rms"]
     ours = finished["certificate"]["accel_errors"]["held_out"]["rms"]
     assert theirs > 5 * ours
 
 
 def test_solve_writes_nothing_unless_told_and_never_overwrites(
-    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+    inside: Any, finished: dict[str, Any], tmp_path: Path
 ) -> None:
     trial = finished["files"]["trial"]
-    imu_rig("solve", trial, cwd=tmp_path)
+    inside("solve", trial, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []
-    imu_rig("solve", trial, "-o", tmp_path / "out")
+    inside("solve", trial, "-o", tmp_path / "out")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "certificate.json",
         "report.html",
     ]
-    refused = imu_rig("solve", trial, "-o", tmp_path / "out", code=2)
+    refused = inside("solve", trial, "-o", tmp_path / "out", code=2)
     assert "never overwritten" in refused.stderr
 
 
-def test_a_dry_run_moves_nothing_and_tells_the_plan(imu_rig: Any) -> None:
-    plan = json.loads(imu_rig("calibrate", "--dry-run", "--json").stdout)
+def test_a_dry_run_moves_nothing_and_tells_the_plan(inside: Any) -> None:
+    plan = json.loads(inside("calibrate", "--dry-run", "--json").stdout)
     assert len(plan["steps"]) == 24
     assert plan["duration_s"] == pytest.approx(sum(s["duration_s"] for s in plan["steps"]), abs=0.5)
 
@@ -158,9 +158,9 @@ def hand_table(tmp_path: Path, text: str) -> Path:
     ],
 )
 def test_a_mistake_is_one_sentence_and_an_exit_code(
-    imu_rig: Any, tmp_path: Path, arguments: list[str], code: int, words: str
+    inside: Any, tmp_path: Path, arguments: list[str], code: int, words: str
 ) -> None:
-    done = imu_rig(*arguments, code=code, cwd=tmp_path)
+    done = inside(*arguments, code=code, cwd=tmp_path)
     assert words in done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert done.stdout == ""
@@ -176,9 +176,9 @@ def test_a_mistake_is_one_sentence_and_an_exit_code(
         ("ax,ay,az,gx,gy,gz\n" + "0,0,1,0,0,0\n" * 400, "hand.csv"),
     ],
 )
-def test_a_bad_table_is_one_sentence(imu_rig: Any, tmp_path: Path, text: str, words: str) -> None:
+def test_a_bad_table_is_one_sentence(inside: Any, tmp_path: Path, text: str, words: str) -> None:
     path = hand_table(tmp_path, text)
-    done = imu_rig("solve", path, "--rate", 100, "--json", code=2)
+    done = inside("solve", path, "--rate", 100, "--json", code=2)
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
     assert json.loads(done.stdout)["exit_code"] == 2
@@ -188,20 +188,20 @@ def test_a_bad_table_is_one_sentence(imu_rig: Any, tmp_path: Path, text: str, wo
     ("scale", "unit"), [(1 / 9.80665, "g"), (1.0, "m/s2"), (16384 / 9.80665, "16384 LSB/g")]
 )
 def test_a_missing_unit_is_guessed_and_asked_for(
-    imu_rig: Any, finished: dict[str, Any], tmp_path: Path, scale: float, unit: str
+    inside: Any, finished: dict[str, Any], tmp_path: Path, scale: float, unit: str
 ) -> None:
     block = open_trial(finished["files"]["trial"]).imu("imu")
     path = tmp_path / "plain.csv"
     rows = np.column_stack((block.accel * scale, block.gyro))
     np.savetxt(path, rows, delimiter=",", header="ax,ay,az,gx,gy,gz", comments="")
-    done = imu_rig("solve", path, "--rate", 100, code=2)
+    done = inside("solve", path, "--rate", 100, code=2)
     assert f"--accel-unit {unit}" in done.stderr.replace('"', "").replace("'", "")
 
 
-def test_the_real_recordings_solve_to_their_figures(imu_rig: Any, imu_rig_data: Path) -> None:
+def test_the_real_recordings_solve_to_their_figures(inside: Any, imu_rig_data: Path) -> None:
     folder = imu_rig_data / "calibration" / "mikoff_mpu9150"
     for name, limit_mg in (("imu0.log", 0.30), ("imu1.log", 0.36)):
-        done = imu_rig(
+        done = inside(
             "solve",
             folder / name,
             *("--columns", "ax ay az gx gy gz", "--rate", 100),
@@ -212,9 +212,9 @@ def test_the_real_recordings_solve_to_their_figures(imu_rig: Any, imu_rig_data: 
         assert np.degrees(certificate["gyro_errors"]["held_out"]["rms"]) < 0.25
 
 
-def test_an_ill_posed_saturated_recording_is_warned_of(imu_rig: Any, imu_rig_data: Path) -> None:
+def test_an_ill_posed_saturated_recording_is_warned_of(inside: Any, imu_rig_data: Path) -> None:
     path = imu_rig_data / "calibration/tomisuarez2_mpu6050/example_data_calibration.csv"
-    done = imu_rig(
+    done = inside(
         "solve",
         path,
         *("--rate", 100, "--accel-unit", "16384 LSB/g", "--gyro-unit", "131 LSB/(deg/s)", "--json"),
@@ -238,7 +238,7 @@ def test_every_other_builtin_protocol_ends_in_a_certificate(
 
 
 def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
-    imu_rig: Any, finished: dict[str, Any], tmp_path: Path
+    inside: Any, finished: dict[str, Any], tmp_path: Path
 ) -> None:
     content = json.loads(Path(finished["files"]["certificate"]).read_text())
     content["gyro"] = None
@@ -246,7 +246,7 @@ def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
     path = tmp_path / "accel-only.json"
     path.write_text(json.dumps(content))
     trial = finished["files"]["trial"]
-    done = imu_rig("export", trial, "--certificate", path, "-o", tmp_path / "x.csv", "--json")
+    done = inside("export", trial, "--certificate", path, "-o", tmp_path / "x.csv", "--json")
     assert json.loads(done.stdout)["calibrated"] == ["accel"]
     assert "raw" in done.stderr
     assert "of-another-sensor" in done.stderr
@@ -269,23 +269,23 @@ def hostile_files(folder: Path) -> dict[str, Path]:
     ],
 )
 def test_hostile_files_are_refused_at_once(
-    imu_rig: Any, tmp_path: Path, option: str, kind: str
+    inside: Any, tmp_path: Path, option: str, kind: str
 ) -> None:
     path = hostile_files(tmp_path)[kind]
-    done = imu_rig("calibrate", "--dry-run", option, path, code=2)
+    done = inside("calibrate", "--dry-run", option, path, code=2)
     assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("kind", ["fifo", "zero", "folder"])
 def test_hostile_recordings_and_certificates_are_refused_at_once(
-    imu_rig: Any, tmp_path: Path, kind: str
+    inside: Any, tmp_path: Path, kind: str
 ) -> None:
     path = hostile_files(tmp_path)[kind]
-    imu_rig("info", path, code=2)
-    imu_rig("export", path, "-o", tmp_path / "x.csv", code=2)
+    inside("info", path, code=2)
+    inside("export", path, "-o", tmp_path / "x.csv", code=2)
     named = tmp_path / "link.json"
     named.symlink_to(path)
-    imu_rig("info", named, code=2)
+    inside("info", named, code=2)
 
 
 def test_a_full_device_as_output_is_said_not_traced(finished: dict[str, Any]) -> None:
