@@ -130,6 +130,17 @@ def compare(first: Certificate, second: Certificate, *, any_device: bool = False
         turn = _largest(own[0], own[1], TURN_ANGLE, TURN_DURATION_S)
     elif (first.gyro is None) != (second.gyro is None):
         notes.append("Only one of them has a gyroscope.")
+    if first.mag is not None and second.mag is not None:
+        if first.mag.alignment == "none" or second.mag.alignment == "none":
+            notes.append("The magnetometers are not compared: one of them was not aligned.")
+        else:
+            mag = (first.mag.affine.affine(), second.mag.affine.affine())
+            figures = [physical_figures(m, a) for m, a in zip(mag, accel, strict=True)]
+            differences += _differences("magnetometer", 1.0, "uT", *figures)
+            if not (first.mag.field_known and second.mag.field_known):
+                notes.append(
+                    "The size of a magnetometer's scale is relative without a known field."
+                )
     own = [_in_own_frame(a, a) for a in accel]
     reading = _largest(own[0], own[1], first.gravity.value, 1.0)
     return Comparison(tuple(differences), reading, turn, tuple(notes))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from imu_rig.arrays import FloatArray
     from imu_rig.calibration.accuracy import DirectionalError
     from imu_rig.calibration.certificate import Certificate
+    from imu_rig.calibration.certificate_magnetometer import MagEntry
     from imu_rig.calibration.certificate_parts import SlopesEntry, StagesEntry, TemperatureEntry
     from imu_rig.calibration.compare import Comparison
     from imu_rig.calibration.model import Affine, PhysicalFigures
@@ -21,6 +22,7 @@ WIDTH = 78
 LABEL = 13
 COLUMN = 21
 VALUE = 10
+STAGES = ("raw", "fitted", "left out")
 MILLIRADIAN = 1e-3
 FIXED_BELOW = 1e-12
 """A standard uncertainty below belongs to what a convention or the method fixed."""
@@ -44,6 +46,8 @@ def certificate_lines(certificate: Certificate) -> list[str]:
         lines += _figures(physical_figures(gyro, accel), DEG, "deg/s", gyro.coverage_factor)
         error = turn_error(gyro)
         lines += _directional("90 deg turn", error, DEG, "deg", "all axes", "about")
+    if certificate.mag is not None:
+        lines += _magnetometer(certificate.mag, accel)
     if certificate.temperature is not None:
         lines += _temperature(certificate.temperature)
     lines += _errors(certificate)
@@ -70,6 +74,10 @@ def certificate_figures(certificate: Certificate) -> dict[str, Any]:
         gyro = certificate.gyro.affine()
         derived["gyro"] = _figures_json(physical_figures(gyro, accel))
         derived["turn_90_deg"] = _directional_json(turn_error(gyro))
+    if certificate.mag is not None:
+        own = certificate.mag.alignment == "none"
+        found = physical_figures(certificate.mag.affine.affine(), None if own else accel)
+        derived["mag"] = _figures_json(found)
     return {
         "certificate": certificate.model_dump(mode="json", by_alias=True),
         "derived": derived,
@@ -217,6 +225,33 @@ def _row(
     return f"  {label:{LABEL}}{' '.join(cells)}".rstrip()
 
 
+def _magnetometer(mag: MagEntry, accel: Affine) -> list[str]:
+    from imu_rig.calibration.model import physical_figures
+
+    affine = mag.affine.affine()
+    own = mag.alignment == "none"
+    figures = physical_figures(affine, None if own else accel)
+    lines = _model("Magnetometer", affine, "uT")
+    lines += _figures(figures, 1.0, "uT", affine.coverage_factor)
+    known = "as stated" if mag.field_known else "where the mean gain is taken as 1"
+    source = "still poses" if mag.from_stills else "samples"
+    lines += _labelled("field", f"{mag.field_ut:.2f} uT {known}, from {mag.count} {source}")
+    if mag.dip is not None and mag.dip_standard_uncertainty is not None:
+        dip, sigma = mag.dip / DEG, mag.dip_standard_uncertainty / DEG
+        lines += _labelled("dip", f"{dip:.2f} ± {sigma:.2f} deg below the horizontal")
+    axes = "not aligned: readings are in axes of the magnetometer's own"
+    if mag.alignment_standard_uncertainty is not None:
+        sigma = mag.alignment_standard_uncertainty / DEG
+        axes = f"aligned with the accelerometer's to {sigma:.2f} deg, by {mag.alignment}"
+    lines += _labelled("axes", axes)
+    errors = (mag.before_percent, mag.residual_percent, mag.left_out_percent)
+    texts = (f"{error:.2f} % {name}" for error, name in zip(errors, STAGES, strict=True))
+    lines += _labelled("magnitude", f"rms error {', '.join(texts)}")
+    for note in mag.notes:
+        lines += paragraph(one_line(note, LONGEST_PARAGRAPH))
+    return lines
+
+
 def _temperature(term: TemperatureEntry) -> list[str]:
     import numpy as np
 
@@ -263,7 +298,7 @@ def _errors(certificate: Certificate) -> list[str]:
             lines.append(f"  {label:36}{''.join(found)}")
     if not lines:
         return []
-    header = f"  {'':36}{'raw':>10}{'fitted':>10}{'left out':>10}"
+    header = f"  {'':36}{''.join(f'{stage:>10}' for stage in STAGES)}"
     return ["", "Errors over poses and moves, rms", header, *lines]
 
 

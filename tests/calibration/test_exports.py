@@ -18,6 +18,8 @@ from simulated_sessions import random_sensor
 
 from imu_rig import rotation
 from imu_rig.calibration.certificate import load_certificate
+from imu_rig.calibration.certificate_magnetometer import MagEntry
+from imu_rig.calibration.certificate_parts import AffineEntry
 from imu_rig.calibration.exports import TARGETS, export_certificate
 from imu_rig.calibration.exports.ardupilot import ardupilot
 from imu_rig.calibration.exports.c_header import c_header
@@ -374,6 +376,53 @@ def test_every_target_takes_an_accelerometer_alone():
     for target in (px4, ardupilot, c_header, numpy_code, matlab, table):
         text = target(source, ExportOptions()).text
         assert "gyro" not in text.lower()
+
+
+def with_magnetometer(alignment, turn):
+    """The stored certificate with a magnetometer beside it, turned by ``turn`` rad about z."""
+    certificate = load_certificate(STORED)
+    R = rotation.about_z(np.array(turn))
+    model = exact(R @ symmetric_gain(np.random.default_rng(4)), R @ [20.0, -10.0, 5.0])
+    mag = MagEntry(
+        affine=AffineEntry.of(model),
+        alignment=alignment,
+        field_ut=48.0,
+        field_known=True,
+        alignment_standard_uncertainty=None if alignment == "none" else 0.001,
+        from_stills=True,
+        count=24,
+        before_percent=30.0,
+        residual_percent=0.5,
+        left_out_percent=0.6,
+    )
+    return certificate.model_copy(update={"mag": mag})
+
+
+def test_the_magnetometer_of_a_certificate_is_exported():
+    options = ExportOptions(nearest=True)
+    held = export_certificate(with_magnetometer("dip", 0.0), "px4", options)
+    assert "field_percent" in held.loss.figures()
+    certificate = with_magnetometer("dip", 0.05)
+    done = export_certificate(certificate, "px4", options)
+    p = px4_parameters(done.text)
+    model = certificate.mag.affine.affine()
+    assert triple(p, "CAL_MAG0_{}OFF") == pytest.approx(np.linalg.solve(model.K, model.b) / 100)
+    assert done.loss.field == pytest.approx(0.05, rel=0.1)  # the turn that no symmetry holds
+    assert "turn of the magnetometer" in done.text
+    for target, words in (("c", "_mag("), ("numpy", "def calibrate_mag"), ("csv", "mag_lean_zy")):
+        assert words in export_certificate(certificate, target).text
+
+
+def test_a_magnetometer_that_was_not_aligned_stays_in_its_own_axes():
+    certificate = with_magnetometer("none", 0.0)
+    done = export_certificate(certificate, "ardupilot", ExportOptions(nearest=True))
+    assert done.loss.field == pytest.approx(0.0, abs=1e-9)
+    assert any("not aligned" in note for note in done.notes)
+    assert "mag_lean_zy" not in export_certificate(certificate, "csv").text
+    turned = Source.of(certificate)
+    Q = rotation.about_z(np.array(0.1))
+    turned = dataclasses.replace(turned, accel=turned.accel.rotated(Q))
+    assert np.allclose(turned.in_sensor_frame()[0].mag.K, turned.mag.K)
 
 
 def test_an_unknown_target_is_refused_with_those_there_are():

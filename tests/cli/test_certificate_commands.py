@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from imu_rig.calibration.accuracy import sphere_error
 from imu_rig.calibration.certificate import Certificate, load_certificate
+from imu_rig.calibration.certificate_magnetometer import MagEntry
 from imu_rig.calibration.certificate_parts import (
     AffineEntry,
     CheckEntry,
@@ -129,6 +130,43 @@ def test_the_page_shows_temperature_and_noise(stored, tmp_path):
     assert all(c.isprintable() or c == "\n" for c in page)
     answer = json.loads(run("export", file, "--to", "csv", "-o", tmp_path / "foot.csv", "--json"))
     assert ["25.0 degC" in note for note in answer["notes"]] == [True]
+
+
+@pytest.mark.parametrize("alignment", ["dip", "none"])
+def test_the_magnetometer_is_shown_and_compared(stored, tmp_path, alignment):
+    aligned = alignment != "none"
+    covariance = np.diag([1e-6] * 9 + [0.01] * 3)
+
+    def magnetometer(bias):
+        return MagEntry(
+            affine=AffineEntry.of(Affine(np.eye(3), bias, covariance)),
+            alignment=alignment,
+            field_ut=48.0,
+            field_known=False,
+            dip=1.0 if aligned else None,
+            dip_standard_uncertainty=0.01 if aligned else None,
+            alignment_standard_uncertainty=0.005 if aligned else None,
+            from_stills=True,
+            count=24,
+            before_percent=30.0,
+            residual_percent=0.5,
+            left_out_percent=0.625,
+            notes=("Look\x1b out.",),
+        )
+
+    first = changed(stored, mag=magnetometer(np.array([20.0, 0.0, 0.0])))
+    file = tmp_path / "c.json"
+    first.save(file)
+    page = run("show", file)
+    assert "48.00 uT where the mean gain is taken as 1, from 24 still poses" in page
+    assert "30.00 % raw, 0.50 % fitted, 0.62 % left out" in page
+    assert ("57.30 ± 0.57 deg" in page) == aligned
+    assert ("not aligned" in page) != aligned
+    assert all(c.isprintable() or c == "\n" for c in page)
+    assert json.loads(run("show", file, "--json"))["derived"]["mag"]["bias"][0] == 20.0
+    found = compare(first, changed(stored, mag=magnetometer(np.array([20.0, 2.0, 0.0]))))
+    assert [d.name for d in found.drifted if d.sensor == "magnetometer"] == ["bias y"] * aligned
+    assert any("not aligned" in note for note in found.notes) != aligned
 
 
 def test_json_holds_the_certificate_and_its_derived_figures(stored):

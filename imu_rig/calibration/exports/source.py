@@ -14,6 +14,8 @@ from imu_rig.foreign_text import wrapped
 from imu_rig.units import STANDARD_GRAVITY
 
 LINE_WIDTH = 90
+DEFAULT_FIELD = 50.0
+"""A field of the Earth's size [uT]."""
 UNITS = {"accel": "m/s^2", "gyro": "rad/s", "mag": "uT"}
 """Unit of the readings, and so of b, by sensor."""
 KINDS = {"accel": "Accelerometer", "gyro": "Gyroscope", "mag": "Magnetometer"}
@@ -35,6 +37,8 @@ class Source:
         Magnetometer [uT].
     gravity : float
         Gravity the accelerometer is scaled to [m/s^2].
+    mag_aligned : bool
+        Whether the magnetometer's calibrated readings are in the axes of the accelerometer's.
     field : float
         Size of the magnetic field that errors are judged at [uT].
     notes : tuple of str
@@ -46,18 +50,24 @@ class Source:
     gyro: Affine | None = None
     mag: Affine | None = None
     gravity: float = STANDARD_GRAVITY
-    field: float = 50.0
+    mag_aligned: bool = True
+    field: float = DEFAULT_FIELD
     notes: tuple[str, ...] = ()
 
     @staticmethod
     def of(certificate: Certificate) -> Source:
         """Take what a certificate holds; its texts come from outside and are made harmless."""
-        device, term = certificate.device, certificate.temperature
-        notes: tuple[str, ...] = ()
+        device, term, mag = certificate.device, certificate.temperature, certificate.mag
+        notes = []
         if term is not None:
-            notes = (
+            notes.append(
                 f"The calibration holds at {term.reference_c:.1f} degC; how it changes with "
-                "temperature is not exported.",
+                "temperature is not exported."
+            )
+        if mag is not None and mag.alignment == "none":
+            notes.append(
+                "The magnetometer was not aligned: its readings are in its own axes, not in those "
+                "of the accelerometer."
             )
         named = f"{device.name or 'a sensor without a name'}"
         if device.serial:
@@ -74,8 +84,11 @@ class Source:
             about=tuple(part for line in (*about, *notes) for part in wrapped(line, LINE_WIDTH)),
             accel=certificate.accel.affine(),
             gyro=None if certificate.gyro is None else certificate.gyro.affine(),
+            mag=None if mag is None else mag.affine.affine(),
+            mag_aligned=mag is None or mag.alignment != "none",
+            field=DEFAULT_FIELD if mag is None else mag.field_ut,
             gravity=certificate.gravity.value,
-            notes=notes,
+            notes=tuple(notes),
         )
 
     @property
@@ -92,7 +105,8 @@ class Source:
         """
         Q, _ = sensor_frame(self.accel.K)
         angle = float(np.arccos(np.clip((np.trace(Q) - 1.0) / 2.0, -1.0, 1.0)))
-        return self._of_each(lambda model: model.rotated(Q.T)), angle
+        turned = self._of_each(lambda model: model.rotated(Q.T))
+        return (turned if self.mag_aligned else replace(turned, mag=self.mag)), angle
 
     def with_axes(self, P: FloatArray) -> Source:
         """Express raw and calibrated readings in other axes: ``new = P @ old`` (3, 3)."""

@@ -20,7 +20,8 @@ def table(source: Source, options: ExportOptions) -> Exported:
                 rows.append((f"{sensor}_K_{a}{c}", model.K[i, j], "1", model.K_uncertainty[i, j]))
         for i, a in enumerate(AXES):
             rows.append((f"{sensor}_b_{a}", model.b[i], unit, model.b_uncertainty[i]))
-        found = physical_figures(model, None if sensor == "accel" else source.accel)
+        own = sensor == "accel" or (sensor == "mag" and not source.mag_aligned)
+        found = physical_figures(model, None if own else source.accel)
         columns = (
             ("scale_error", AXES, found.scale_percent, "%", found.scale_percent_u),
             ("lean", found.cross_names, found.cross_rad, "rad", found.cross_rad_u),
