@@ -115,10 +115,7 @@ def recheck(
         scatter=scatter,
     )
     changes = drift(accel, gyro if turns else None, checks, local.value, scatter)
-    notes = [_sentence(row) for row in changes if row.drifted]
-    if any(row.determined and abs(row.change) > ANOTHER_SENSOR * row.day_to_day for row in changes):
-        notes.append("A sensor hardly changes so much: is this the one the certificate is of?")
-    notes += _unknown(changes) + _circumstances(certificate, block, turns)
+    notes = _sentences(changes) + _unknown(changes) + _circumstances(certificate, block, turns)
     return Recheck(verification, changes, tuple(notes))
 
 
@@ -167,16 +164,32 @@ def _stages(entry: StagesEntry) -> ErrorStages:
     )
 
 
-def _sentence(row: DriftRow) -> str:
-    unit, name = UNITS[row.sensor, row.quantity]
-    end = "within" if row.usual else "more than"
-    usual = f"{end} what sensors of this class drift from day to day"
-    advice = "" if row.usual else ": calibrate again"
-    return (
-        f"The {row.sensor}'s {row.quantity} {row.axis} changed by {row.change / unit:+.3g} {name}, "
-        f"{row.sigmas:.1f} standard deviations of the certificate and this check; that is {usual}"
-        f"{advice}."
-    )
+def _sentences(changes: tuple[DriftRow, ...]) -> list[str]:
+    drifted = [row for row in changes if row.drifted]
+    much, usual = [r for r in drifted if not r.usual], [r for r in drifted if r.usual]
+    notes = []
+    if much:
+        notes.append(
+            f"Drifted more than sensors of this class do from day to day: {_changes(much)}; "
+            "calibrate again."
+        )
+    if usual:
+        notes.append(
+            "Drifted within what sensors of this class do from day to day: " + _changes(usual) + "."
+        )
+    if any(row.determined and abs(row.change) > ANOTHER_SENSOR * row.day_to_day for row in changes):
+        notes.append("A sensor hardly changes so much: is this the one the certificate is of?")
+    return notes
+
+
+def _changes(rows: list[DriftRow]) -> str:
+    words = []
+    for row in rows:
+        unit, name = UNITS[row.sensor, row.quantity]
+        words.append(
+            f"{row.name} by {row.change / unit:+.2g} {name} ({row.sigmas:.0f} standard deviations)"
+        )
+    return ", ".join(words)
 
 
 def _unknown(changes: tuple[DriftRow, ...]) -> list[str]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MILLIRADIAN = 1e-3
 LABEL_WIDTH = 30
 NUMBER_WIDTH = 11
+MOST_REASONS = 6
 
 
 def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[str]:
@@ -97,8 +98,11 @@ def verification_lines(verification: Verification) -> list[str]:
                 f"  {label:39}{error / unit:.3f} {name} and {sigmas:.1f} std. dev. at most "
                 f"({len(found)} of {len(rows)} count)"
             )
-    for reason in verification.reasons:
+    reasons = verification.reasons
+    for reason in reasons[:MOST_REASONS]:
         lines += paragraph(reason, mark="! ")
+    if len(reasons) > MOST_REASONS:
+        lines += paragraph(f"{len(reasons) - MOST_REASONS} more are in the report.", mark="! ")
     return lines
 
 

@@ -191,6 +191,17 @@ class _Wanted:
             stated = replace(stated, accel=mg * MILLI_G)
         return stated if deg is None else replace(stated, turn=deg * DEG)
 
+    def told_of(self, digest: str, found: Recheck) -> Recheck:
+        """Add a word where the recording is the very one that the certificate was made from."""
+        recording = self.certificate.recording
+        if recording is None or recording.sha256 != digest:
+            return found
+        note = (
+            "This is the recording that the certificate was made from, so it proves nothing: "
+            "check the sensor by a new one."
+        )
+        return replace(found, notes=(note, *found.notes))
+
     def require_same_device(self, device: DeviceInfo) -> None:
         """Refuse a sensor that the certificate is not of, unless that was asked for."""
         from imu_rig.calibration.recheck import other_device
@@ -216,19 +227,20 @@ def _of_file(file: Path, table: TableOptions, wanted: _Wanted) -> Recheck:
 
     trial = open_if_trial(file, table)
     if trial is not None and is_session(trial):
-        return _of_session(trial, wanted)
+        return wanted.told_of(trial.sha256, _of_session(trial, wanted))
     if trial is not None:
         from imu_rig.cli.info import require_one_imu
 
         sensor = require_one_imu(trial, None)
         wanted.require_same_device(DeviceInfo(name=sensor))
-        block = trial.imu(sensor)
+        block, digest = trial.imu(sensor), trial.sha256
     else:
         wanted.require_same_device(DeviceInfo())
-        block, _ = read_block(file, table)
-    return recheck(
+        block, digest = read_block(file, table)
+    found = recheck(
         wanted.certificate, block, limits=wanted.limits(Limits()), gravity=wanted.gravity
     )
+    return wanted.told_of(digest, found)
 
 
 def _of_session(trial: Trial, wanted: _Wanted) -> Recheck:
