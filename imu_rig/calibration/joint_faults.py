@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imu_rig import rotation
-from imu_rig.arrays import BoolArray, FloatArray
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.joint_data import JointData
 from imu_rig.calibration.joint_fit import JointFit, unit
@@ -30,12 +29,15 @@ OTHER_LABEL = 6.0 * DEG
 AXES = ("pan", "tilt", "roll")
 LOCKED = 0.3
 """Cosine of tilt below which pan and roll turn about nearly the same axis."""
-SERVO_SPREAD = 0.5 * DEG
-"""Repeatability that a slip is weighed against."""
-TRUNCATED = 9.0
-"""Largest cost of one pose, in squared repeatabilities: an outlier counts no more than this."""
-SLIP_GAIN = 40.0
-"""Drop of the cost that makes a step a slip."""
+SERVO_SPREAD = 0.7 * DEG
+"""Error that a hobby servo makes anew whenever it is driven: repeatability, backlash, gears."""
+POSE_SPREAD = 0.4 * DEG
+"""Error from pose to pose of a servo that was not driven."""
+USUAL_GAIN = 0.03
+SLIP_GAIN = 20.0
+"""Drop of the weighted square sum, over that of noise, that makes a step or a single pose count."""
+MOST_STEPS = 5
+NORMAL_MEDIAN = 0.6745
 SMALLEST_SLIP = 1.5 * DEG
 BUMP_SIGMAS = 5.0
 """Deviation of a pose, in the typical one per axis, that no servo makes once in ten thousand poses
@@ -74,10 +76,10 @@ def check_labels(data: JointData, accel: Affine, state: JointState, names: Seque
     limit = max(6.0 * float(np.median(off)), FAR_OFF)
     angles, usable = data.angles.copy(), np.ones(len(data), dtype=bool)
     findings: list[Finding] = []
-    suspects = [int(i) for i in np.flatnonzero(off > limit)]
-    fits = {i: _other_label(i, seen, told, data) for i in suspects}
-    for i in suspects:
-        j = fits[i]
+    far = np.flatnonzero(off > limit)
+    match = np.array([_angle(seen[i], told) for i in far]).reshape(len(far), len(data))
+    match[data.mounting[far][:, None] != data.mounting] = np.inf
+    for i, j in _relabelled(far, match).items():
         if j is None:
             usable[i] = False
             text = (
@@ -85,30 +87,62 @@ def check_labels(data: JointData, accel: Affine, state: JointState, names: Seque
                 "to go; it was left out."
             )
             findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
-            continue
-        angles[i] = data.angles[j]
-        if fits.get(j) == i:
-            if i < j:
-                text = (
-                    f"{_name(names, i)} and {_name(names, j)} carry each other's angles; they were "
-                    "exchanged."
-                )
-                findings.append(Finding("mislabelled", text, (i, j)))
         else:
+            angles[i] = data.angles[j]
+    findings += _mislabelled(_relabelled(far, match), names)
+    return Labels(angles, usable, tuple(findings))
+
+
+def _relabelled(far: IntArray, match: FloatArray) -> dict[int, int | None]:
+    """Whose label fits each of the poses ``far``; None where nobody's does.
+
+    Parameters
+    ----------
+    far : shape (f,)
+        Poses that contradict their labels.
+    match : shape (f, m)
+        Angle between each of them and the place that each label tells [rad].
+    """
+    places = {int(i): row for row, i in enumerate(far)}
+    fits: dict[int, int | None] = {}
+    # Two poses that contradict their labels and fit each other's were exchanged, whatever else
+    # may fit as well.
+    pairs = sorted(
+        (max(match[a, j], match[b, i]), i, j)
+        for i, a in places.items()
+        for j, b in places.items()
+        if i < j
+    )
+    for off, i, j in pairs:
+        if off < OTHER_LABEL and i not in fits and j not in fits:
+            fits[i], fits[j] = j, i
+    for i, row in places.items():
+        if i not in fits:
+            others = match[row].copy()
+            others[i] = np.inf
+            j = int(np.argmin(others))
+            fits[i] = j if others[j] < OTHER_LABEL else None
+    return fits
+
+
+def _mislabelled(fits: dict[int, int | None], names: Sequence[str]) -> list[Finding]:
+    found = []
+    for i, j in fits.items():
+        if j is None:
+            continue
+        if fits.get(j) != i:
             text = (
                 f"{_name(names, i)} stands where {_name(names, j)} should; the angles of that pose "
                 "were taken."
             )
-            findings.append(Finding("mislabelled", text, (i, j)))
-    return Labels(angles, usable, tuple(findings))
-
-
-def _other_label(i: int, seen: FloatArray, told: FloatArray, data: JointData) -> int | None:
-    off = _angle(seen[i], told)
-    off[i] = np.inf
-    off[data.mounting != data.mounting[i]] = np.inf
-    j = int(np.argmin(off))
-    return j if off[j] < OTHER_LABEL else None
+            found.append(Finding("mislabelled", text, (i,)))
+        elif i < j:
+            text = (
+                f"{_name(names, i)} and {_name(names, j)} carry each other's angles; they were "
+                "exchanged."
+            )
+            found.append(Finding("mislabelled", text, (i, j)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,63 +177,90 @@ def find_jig_faults(fit: JointFit, names: Sequence[str]) -> JigFaults:
             f"{_name(names, at)} and stayed there; its angles were corrected from there on."
         )
         findings.append(Finding("slip", text, (at,), axis=name, size=float(step / DEG)))
-    off = np.linalg.norm(_deviation(fit, lines), axis=1)
+    on_line = _on_line(fit, lines)
+    off = _turn(fit.attitudes().A, on_line)
     spread = float(np.median(off)) / CHI3_MEDIAN
     bumped = off > max(BUMP_SIGMAS * spread, SMALLEST_BUMP)
-    for i in np.flatnonzero(bumped):
+    far = np.flatnonzero(off > max(BUMP_SIGMAS * spread, FAR_OFF))
+    match = np.array([_turn(fit.attitudes().A[i], on_line) for i in far]).reshape(-1, len(data))
+    match[data.mounting[far][:, None] != data.mounting] = np.inf
+    fits = _relabelled(far, match)
+    for i, j in fits.items():
+        if j is not None:
+            angles[i], bumped[i] = data.angles[j], False
+    findings += _mislabelled(fits, names)
+    for i in np.flatnonzero(bumped).tolist():
         text = (
-            f"{_name(names, int(i))} stands {off[i] / DEG:.1f} degrees from where the servos put "
+            f"{_name(names, i)} stands {off[i] / DEG:.1f} degrees from where the servos put "
             "it, as if the plate was bumped there; its angles were not used."
         )
-        findings.append(Finding("bumped", text, (int(i),), size=float(off[i] / DEG)))
+        findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
     return JigFaults(angles, bumped, tuple(findings))
 
 
-def _deviation(fit: JointFit, lines: FloatArray) -> FloatArray:
-    """Rotation vectors (m, 3) from what servos on their lines would do to what was."""
+def _on_line(fit: JointFit, lines: FloatArray) -> FloatArray:
+    """Attitudes (m, 3, 3) of a jig whose servos err by ``lines`` (m, 3) only."""
     common = fit.state.common.copy()
     common[SERVO_GAIN] = 0.0
     common[TILT_ZERO] = 0.0
-    on_line = replace(
-        fit.state, common=common, deviation=lines, wobble=np.zeros_like(fit.state.wobble)
-    )
-    A, B = attitudes(fit.data, on_line).A, fit.attitudes().A
-    turn = np.swapaxes(A, 1, 2) @ B
-    return rotation.vector_of_matrix(turn)
+    still = np.zeros_like(fit.state.wobble)
+    return attitudes(fit.data, replace(fit.state, common=common, deviation=lines, wobble=still)).A
+
+
+def _turn(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Angle [rad] between attitudes (..., 3, 3)."""
+    cosine = 0.5 * (np.sum(A * B, axis=(-2, -1)) - 1.0)
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _line_and_step(
     x: FloatArray, y: FloatArray, judged: BoolArray
 ) -> tuple[FloatArray, float | None, int]:
-    """Robust line through y(x), with the step that explains most; (m,), step or None, its pose."""
-    rows = np.flatnonzero(judged)
-    ones = np.ones(len(x))
-    plain = np.stack((ones, x), axis=1)
-    best, cost = _robust(plain, y, judged)
-    start = float(cost)
-    found: tuple[FloatArray, int] | None = None
-    for k in rows[1:]:
-        late = (np.arange(len(x)) >= k).astype(float)
-        trial, tried = _robust(np.column_stack((plain, late)), y, judged)
-        if tried < cost - 1e-9:
-            cost, found = tried, (trial, int(k))
-    if found is None or start - cost < SLIP_GAIN or abs(found[0][2]) < SMALLEST_SLIP:
-        return plain @ best, None, 0
-    return plain @ found[0][:2], float(found[0][2]), found[1]
+    """Line through y(x), with the step that explains most; (m,), step or None, its pose.
+
+    A servo errs anew whenever it is driven and stays as it is while the other axes move, so its
+    errors are correlated from pose to pose. Steps and single poses that are off are taken up
+    one by one, the most telling first: a bumped pose shall not look like half a slip.
+    """
+    driven = np.concatenate(([0], np.cumsum(np.abs(np.diff(x)) > 1e-9)))
+    same = driven[:, None] == driven[None, :]
+    noise = np.where(same, SERVO_SPREAD**2, 0.0) + POSE_SPREAD**2 * np.eye(len(x))
+    keep = np.flatnonzero(judged)
+    W = np.linalg.inv(np.linalg.cholesky(noise[np.ix_(keep, keep)]))
+    late = (keep[:, None] >= keep[None, 1:]).astype(float)
+    candidates = np.concatenate((late, np.eye(len(keep))), axis=1)
+    chosen: list[int] = []
+    D = W @ np.stack((np.ones(len(keep)), x[keep]), axis=1)
+    target, trial = W @ y[keep], W @ candidates
+    for _ in range(MOST_STEPS):
+        residual = target - D @ _ridge(D, target)
+        free = trial - D @ _ridge(D, trial)
+        size = np.sum(free * trial, axis=0)
+        gain = np.where(size > 1e-6, (free.T @ residual) ** 2 / np.maximum(size, 1e-6), 0.0)
+        gain[chosen] = 0.0
+        best = int(np.argmax(gain))
+        with_it = np.column_stack((D, trial[:, best]))
+        # What is left then tells how well this jig repeats, worse than usual perhaps.
+        left = np.abs(target - with_it @ _ridge(with_it, target))
+        spread = max(1.0, float(np.median(left)) / NORMAL_MEDIAN)
+        if gain[best] < SLIP_GAIN * spread**2:
+            break
+        chosen.append(best)
+        D = with_it
+    p = _ridge(D, target)
+    line = p[0] + p[1] * x
+    steps = [(abs(p[2 + i]), i) for i, c in enumerate(chosen) if c < len(keep) - 1]
+    if not steps or max(steps)[0] < SMALLEST_SLIP:
+        return line, None, 0
+    i = max(steps)[1]
+    return line, float(p[2 + i]), int(keep[chosen[i] + 1])
 
 
-def _robust(D: FloatArray, y: FloatArray, judged: BoolArray) -> tuple[FloatArray, float]:
-    """Least truncated squares by reweighting; singular directions stay at zero."""
-    weight = judged.astype(float)
-    ridge = 1e-9 * np.eye(D.shape[1])
-    p = np.zeros(D.shape[1])
-    for _ in range(6):
-        W = D * weight[:, None]
-        p = np.linalg.solve(D.T @ W + ridge, W.T @ y)
-        square = ((y - D @ p) / SERVO_SPREAD) ** 2
-        weight = judged / (1.0 + square / TRUNCATED) ** 2
-    square = ((y - D @ p)[judged] / SERVO_SPREAD) ** 2
-    return p, float(np.sum(np.minimum(square, TRUNCATED)))
+def _ridge(D: FloatArray, y: FloatArray) -> FloatArray:
+    """Least squares with a servo's usual gain error as prior of the second column."""
+    prior = np.zeros(D.shape[1])
+    prior[1] = 1.0 / USUAL_GAIN**2
+    return np.asarray(np.linalg.solve(D.T @ D + np.diag(prior + 1e-12), D.T @ y))
 
 
 def _name(names: Sequence[str], i: int) -> str:

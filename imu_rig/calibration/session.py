@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -180,6 +180,8 @@ class Session:
         out of the fit: those to and from check poses, and the sensor's being turned over.
     has_gyro : bool
         Whether the gyroscope shows anything at all.
+    findings : tuple of Finding
+        What was noticed while it was made ready; poses count all windows that were given.
     known : Known
         Facts that some methods need: named parts, known rates.
     """
@@ -192,7 +194,8 @@ class Session:
     commanded: CommandedPoses | None
     gyro_bad: BoolArray
     has_gyro: bool
-    known: Known = Known()
+    known: Known = field(default_factory=Known)
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.ferraris import ferraris
+from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.joint import joint
 from imu_rig.calibration.known import Known, windows_with
@@ -18,7 +19,7 @@ from imu_rig.calibration.magnetometer_beside import (
     magnetometer_alone,
     magnetometer_beside,
 )
-from imu_rig.calibration.multi_position import multi_position
+from imu_rig.calibration.multi_position import multi_position, static
 from imu_rig.calibration.paper_method import paper, paper_diagonal
 from imu_rig.calibration.result import (
     CalibrationResult,
@@ -39,12 +40,16 @@ from imu_rig.calibration.stills import (
     unbroken_windows,
 )
 from imu_rig.calibration.suspicion import MOVED, SATURATED_SHARE, at_limit
+from imu_rig.calibration.temperature import sensitivity
+from imu_rig.calibration.turntable import turntable
 from imu_rig.calibration.verification import Limits, Scatter, Verification, checks_of, verify
 from imu_rig.errors import DataError, InputError
 
 METHODS: dict[str, Callable[[Session], Outcome]] = {
     "joint": joint,
+    "static": static,
     "ferraris": ferraris,
+    "turntable": turntable,
     "multi-position": multi_position,
     "paper": paper,
     "paper-diagonal": paper_diagonal,
@@ -113,13 +118,17 @@ def solve(
         names = ", ".join((*METHODS, MAGNETOMETER))
         raise InputError(f"there is no method {method!r}; choose one of {names}")
     facts = known or Known()
-    if windows is None and facts.face_parts:
-        found = find_stills(block)
-        windows = windows_with(facts.parts, np.stack((found.t0, found.t1), axis=1))
+    if windows is None and facts.spans:
+        windows = windows_with(facts, _stills_if_any(block))
     session, warnings = _prepare(block, windows, local, commanded, accel_limit, gyro_limit)
     session = replace(session, known=facts)
     outcome = METHODS[method](session)
+    thermal = sensitivity(session, outcome)
+    if thermal is not None:
+        session, outcome = thermal.session, thermal.outcome
+        warnings += thermal.notes
     result = _result(session, outcome, method, device or DeviceInfo(), warnings)
+    result = replace(result, temperature=None if thermal is None else thermal.term)
     mag, more = magnetometer_beside(session, outcome, field_ut)
     result = replace(result, mag=mag, warnings=(*result.warnings, *more))
     if commanded is None or not any(commanded.check):
@@ -128,6 +137,15 @@ def solve(
         block, windows, commanded, result, limits or Limits(), accel_limit, gyro_limit
     )
     return replace(result, verification=verification)
+
+
+def _stills_if_any(block: ImuBlock) -> FloatArray:
+    """Begin and end (m, 2) of the stills [s]; a turntable may never rest."""
+    try:
+        found = find_stills(block)
+    except DataError:
+        return np.empty((0, 2))
+    return np.stack((found.t0, found.t1), axis=1)
 
 
 def _verification(
@@ -203,10 +221,13 @@ def _prepare(
         commanded = _commanded_of(commanded, whole)
         stills = summarize(block, spans[whole])
     names = names or tuple(f"pose {i + 1}" for i in range(len(stills)))
-    warnings = broken + _moved(stills, names)
+    findings = _moved(stills, names)
     accel_bad, gyro_bad = at_limit(block.accel, accel_limit), at_limit(block.gyro, gyro_limit)
     frozen = frozen_rows(block)
-    usable = _unsaturated(block, stills, names, accel_bad, warnings)
+    saturated = _saturated_axis(stills, accel_bad)
+    usable = saturated < 0
+    findings += _saturation(block, stills, names, saturated)
+    warnings = [*broken, *(finding.text for finding in findings)]
     usable &= _alive(stills, names, frozen, warnings)
     if gyro_bad.any():
         warnings.append(_gyro_saturation(gyro_bad))
@@ -219,7 +240,8 @@ def _prepare(
             "recording: let it warm up first."
         )
     kept = stills.only(usable)
-    _plausible_rest(kept, gravity)
+    if len(stills):
+        _plausible_rest(kept, gravity)
     session = Session(
         block=block,
         stills=kept,
@@ -229,6 +251,10 @@ def _prepare(
         commanded=_commanded_of(commanded, usable),
         gyro_bad=gyro_bad | (frozen | apart)[:, None],
         has_gyro=bool(np.any(np.ptp(block.gyro, axis=0) > 0)),
+        findings=tuple(
+            f if place is None else replace(f, poses=tuple(int(place[i]) for i in f.poses))
+            for f in findings
+        ),
     )
     return session, warnings
 
@@ -250,32 +276,45 @@ def _kept_apart(block: ImuBlock, spans: FloatArray, commanded: CommandedPoses) -
     return apart
 
 
-def _moved(stills: Stills, names: tuple[str, ...]) -> list[str]:
+def _moved(stills: Stills, names: tuple[str, ...]) -> list[Finding]:
     return [
-        f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s)."
-        for i in np.flatnonzero(stills.drift > MOVED)
+        Finding(
+            "moved",
+            f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s).",
+            (i,),
+        )
+        for i in np.flatnonzero(stills.drift > MOVED).tolist()
     ]
 
 
-def _unsaturated(
-    block: ImuBlock,
-    stills: Stills,
-    names: tuple[str, ...],
-    bad: BoolArray,
-    warnings: list[str],
-) -> BoolArray:
-    usable = np.ones(len(stills), dtype=bool)
+def _saturated_axis(stills: Stills, bad: BoolArray) -> IntArray:
+    """Axis of the accelerometer (m,) that is at its range limit in each still, or -1."""
+    axes = np.full(len(stills), -1)
     for i, (start, stop) in enumerate(zip(stills.start, stills.stop, strict=True)):
         share = bad[start:stop].mean(axis=0)
-        axis = int(np.argmax(share))
-        if share[axis] > SATURATED_SHARE:
-            usable[i] = False
-            extreme = float(np.abs(block.accel[start:stop, axis]).max())
-            warnings.append(
-                f"Axis {'xyz'[axis]} of the accelerometer is at its range limit "
-                f"({extreme:.2f} m/s^2) in {names[i]}, which was left out: choose a larger range."
-            )
-    return usable
+        if share.max() > SATURATED_SHARE:
+            axes[i] = int(np.argmax(share))
+    return axes
+
+
+def _saturation(
+    block: ImuBlock, stills: Stills, names: tuple[str, ...], saturated: IntArray
+) -> list[Finding]:
+    found = []
+    for axis in sorted(set(saturated[saturated >= 0].tolist())):
+        poses = tuple(np.flatnonzero(saturated == axis).tolist())
+        extreme = max(
+            float(np.abs(block.accel[stills.start[i] : stills.stop[i], axis]).max()) for i in poses
+        )
+        left_out = " and ".join(
+            filter(None, (", ".join(names[i] for i in poses[:-1]), names[poses[-1]]))
+        )
+        text = (
+            f"Axis {'xyz'[axis]} of the accelerometer is at its range limit ({extreme:.2f} m/s^2) "
+            f"in {left_out}, left out for it: choose a larger range."
+        )
+        found.append(Finding("saturated", text, poses, axis="xyz"[axis], size=extreme))
+    return found
 
 
 def _alive(
@@ -359,9 +398,12 @@ def _result(
         accel_at_zero=outcome.accel_at_zero,
         straightness=outcome.straightness,
         jig=outcome.jig,
-        findings=tuple(
-            replace(f, poses=tuple(int(session.order[i]) for i in f.poses))
-            for f in outcome.findings
+        findings=(
+            *session.findings,
+            *(
+                replace(f, poses=tuple(int(session.order[i]) for i in f.poses))
+                for f in outcome.findings
+            ),
         ),
     )
 
