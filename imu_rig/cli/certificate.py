@@ -110,7 +110,7 @@ def export(
     if lost:
         sys.stderr.write(
             f"It is an approximation that falsifies {done.loss.words}; lost are "
-            f"{' and '.join(done.loss.lost)}.\n"
+            f"{', '.join(done.loss.lost)}.\n"
         )
     for note in done.notes:
         sys.stderr.write(note + "\n")

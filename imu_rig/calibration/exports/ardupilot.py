@@ -67,7 +67,7 @@ def ardupilot(source: Source, options: ExportOptions) -> Exported:
     missing = [name for name in kept.models if name not in options.device_ids]
     if missing:
         notes.append(
-            f"The file sets no id of {' and '.join(missing)}: look that the vehicle has the right "
+            f"The file sets no id of {', '.join(missing)}: look that the vehicle has the right "
             "one, or give --device-id."
         )
     lines = comments(source, kept, options, notes)

@@ -62,7 +62,7 @@ def stored(source: Source, options: ExportOptions, target: str) -> Stored:
     loss = _loss(own, models)
     if loss.lost and not options.nearest:
         raise InputError(
-            f"{target} cannot hold {' and '.join(loss.lost)}, and without them it would falsify "
+            f"{target} cannot hold {', '.join(loss.lost)}, and without them it would falsify "
             f"{loss.words}: add --nearest to export the best that {target} can hold, or export to "
             "c, numpy, matlab or csv, which hold all of it."
         )
@@ -91,7 +91,7 @@ def comments(
     if kept.loss.lost:
         lines.append(f"Only the nearest approximation: it falsifies {kept.loss.words}.")
         lines.append(f"Without any calibration: {kept.uncalibrated.words}.")
-        lines.append(f"Lost: {' and '.join(kept.loss.lost)}.")
+        lines.append(f"Lost: {', '.join(kept.loss.lost)}.")
     if kept.frame_angle > FRAME_TURNED:
         lines.append(
             f"The turn of {kept.frame_angle / DEG:.2f} deg from the sensor's to the jig's frame is "
