@@ -77,8 +77,9 @@ class SessionFaults:
 
 @dataclass(frozen=True)
 class DrivenTurn:
-    """One stage of a move: commanded pan, tilt and roll [deg] at its begin and end [s]."""
+    """One stage of the move to a pose: commanded angles [deg] at its begin and end [s]."""
 
+    pose: int
     t0: float
     t1: float
     start_deg: Vector3
@@ -484,7 +485,7 @@ def _turns(stages: list[_Stage], noted: FloatArray, time_factor: float) -> tuple
         axes = [0, 1, 2] if last else list(stage.axes)
         current[axes] = noted[stage.pose, axes]
         t0, t1 = (step * STEP_S * time_factor for step in (stage.start, stage.stop))
-        turns.append(DrivenTurn(t0, t1, _vector(before), _vector(current)))
+        turns.append(DrivenTurn(stage.pose, t0, t1, _vector(before), _vector(current)))
     return tuple(turns)
 
 

@@ -37,7 +37,7 @@ from imu_rig.calibration.session import CommandedPoses, CommandedTurn
 from imu_rig.calibration.solve import METHODS, solve
 from imu_rig.devices.jig import load_jig
 from imu_rig.errors import ImuRigError
-from imu_rig.session.plan import plan_session
+from imu_rig.session.plan import PlannedStep, plan_session
 from imu_rig.session.protocol import load_protocol
 from imu_rig.units import DEG, MILLI_G
 from simulators.config import RigConfig
@@ -70,12 +70,10 @@ FAULT_SIGMAS = 1.5  # times the stated 95 % interval
 
 
 @cache
-def protocol_poses(name: str) -> tuple[FloatArray, tuple[float, ...]]:
-    """Return commanded angles (m, 3) [deg] and holds [s] of what a built-in protocol fits."""
-    plan = plan_session(load_protocol(name), load_jig("paper-jig"))
-    steps = [step for step in plan.steps if step.kind != "check"]
-    angles = np.array([(s.pose.pan, s.pose.tilt, s.pose.roll) for s in steps])
-    return angles, tuple(step.hold_s for step in steps)
+def planned_steps(protocol: str) -> tuple[PlannedStep, ...]:
+    """Return the stops of a built-in protocol that take part in a fit."""
+    plan = plan_session(load_protocol(protocol), load_jig("paper-jig"))
+    return tuple(step for step in plan.steps if step.kind != "check")
 
 
 def designed(seed: int, *, percent: float = DESIGNED_NONLINEARITY, full: bool = False) -> RigConfig:
@@ -155,21 +153,29 @@ def session_of(
     config: RigConfig, protocol: str = "full", faults: SessionFaults | None = None
 ) -> QuickSession:
     """Run a built-in protocol on a rig."""
-    angles, holds = protocol_poses(protocol)
-    return quick_session(config, angles, hold_s=holds, faults=faults)
+    steps = planned_steps(protocol)
+    turns = load_protocol(protocol).mounting_turns
+    return quick_session(
+        config,
+        [(step.pose.pan, step.pose.tilt, step.pose.roll) for step in steps],
+        hold_s=[step.hold_s for step in steps],
+        mounting=[step.mounting for step in steps],
+        mountings_deg=tuple((x / DEG, y / DEG, z / DEG) for x, y, z in turns),
+        faults=faults,
+    )
 
 
 def commanded_of(session: QuickSession) -> CommandedPoses:
     """Return what a session tells a solver about its poses."""
+    mountings = tuple((x * DEG, y * DEG, z * DEG) for x, y, z in session.mountings_deg)
     return CommandedPoses(
         session.angles_deg,
         turns=tuple(
-            CommandedTurn(turn.t0, turn.t1, turn.start_deg, turn.stop_deg) for turn in session.turns
+            CommandedTurn(t.t0, t.t1, t.start_deg, t.stop_deg, mountings[session.mounting[t.pose]])
+            for t in session.turns
         ),
         mounting=session.mounting,
-        mounting_turns=tuple(
-            tuple(angle * DEG for angle in vector) for vector in session.mountings_deg
-        ),
+        mounting_turns=mountings,
     )
 
 
@@ -568,7 +574,7 @@ def named_right(name: str, faults: SessionFaults, scored: Score) -> bool:
 def fault_job(task: tuple[str, int, str, str]) -> tuple[str, int, bool, Score]:
     """Solve one session with a fault."""
     name, seed, protocol, method = task
-    faults = fault_of(name, seed, len(protocol_poses(protocol)[0]))
+    faults = fault_of(name, seed, len(planned_steps(protocol)))
     percent = 0.0 if name == "clean, linear" else DESIGNED_NONLINEARITY
     scored = score(session_of(designed(seed, percent=percent), protocol, faults), method)
     return name, seed, named_right(name, faults, scored), scored
