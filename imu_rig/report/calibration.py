@@ -9,6 +9,7 @@ from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.result import CalibrationResult, ErrorStages
 from imu_rig.report import figures
 from imu_rig.report.facts import SessionSummary, Truth
+from imu_rig.report.magnetometer import magnetometer_cards, magnetometer_section
 from imu_rig.report.numbers import MISSING, counted, duration, fixed, significant
 from imu_rig.report.page import (
     Html,
@@ -67,14 +68,17 @@ def calibration_report(
         Name of the certificate's file, as the instructions for its use will state it.
     """
     found = sensors(result, truth)
+    drawn = Figures(before=figure_count(result.verification))
+    evidence = _figures(result, found, drawn)
     return document(
         f"{title}: {result.device.name}" if result.device.name else title,
         _header(title, result, certificate),
         _verdict(verdict(result, session)),
         _cards(result, found),
         Html("") if result.verification is None else verification_section(result.verification),
-        _parameters(result, found),
-        _figures(result, found),
+        _parameters(result, found) if found else Html(""),
+        evidence if drawn.parts else Html(""),
+        magnetometer_section(result, before=drawn.last),
         _session(session),
         _use(certificate, certificate_file),
         _provenance(result, certificate),
@@ -101,13 +105,19 @@ def _verdict(words: Verdict) -> Html:
 
 
 def _cards(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
-    cards = [_error_card("Gravity magnitude error", result.accel_errors, MILLI_G, "mg", "pose")]
+    cards = []
+    if not result.only_magnetometer:
+        cards.append(
+            _error_card("Gravity magnitude error", result.accel_errors, MILLI_G, "mg", "pose")
+        )
     if result.gyro is not None:
         cards.append(
             _error_card("Direction error per move", result.gyro_errors, DEG, "deg", "move")
         )
     for sensor in found:
         cards += [_uncertainty_card(sensor, group) for group in (sensor.scale, sensor.bias)]
+    if result.mag is not None:
+        cards += magnetometer_cards(result.mag)
     return element("div", *cards, class_="cards")
 
 
@@ -180,8 +190,7 @@ def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
     )
 
 
-def _figures(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
-    drawn = Figures(before=figure_count(result.verification))
+def _figures(result: CalibrationResult, found: tuple[Sensor, ...], drawn: Figures) -> Html:
     with report_style():
         if result.poses:
             _draw_pose_figures(drawn, result)

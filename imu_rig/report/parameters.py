@@ -96,11 +96,13 @@ class Sensor:
 
 
 def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sensor, ...]:
-    """Return the accelerometer and, if it was calibrated, the gyroscope.
+    """Return the accelerometer and the gyroscope, as far as they were calibrated.
 
     Estimates and truth are compared as figures of the sensor itself, in which the frame of
     either K has no part; a gyroscope's axes count relative to those of its accelerometer.
     """
+    if result.only_magnetometer:
+        return ()
     true_accel = None if truth is None else physical_figures(truth.accel)
     found = [
         _sensor(
@@ -121,6 +123,14 @@ def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sens
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def magnetometer_sensor(result: CalibrationResult) -> Sensor | None:
+    """Return the magnetometer, whose axes count relative to those of its accelerometer."""
+    if result.mag is None or result.mag_figures is None:
+        return None
+    kind = ("Lean of axes", 1.0, "µT")
+    return _sensor("Magnetometer", result.mag.affine, result.mag_figures, None, kind)
 
 
 def _sensor(

@@ -60,7 +60,12 @@ class _Label:
 
 
 def hemispheres(
-    directions: FloatArray, errors: FloatArray, numbers: Sequence[int], error_name: str
+    directions: FloatArray,
+    errors: FloatArray,
+    numbers: Sequence[int],
+    error_name: str,
+    *,
+    titles: tuple[str, str] = ("sensor z up", "sensor z down"),
 ) -> Figure:
     """Draw directions on the upper and lower half of the sphere.
 
@@ -74,16 +79,18 @@ def hemispheres(
     errors : shape (n,)
         Absolute errors that colour the points.
     numbers : sequence of int
-        Number of each pose.
+        Number of each pose; none for points without labels.
     error_name : str
         Quantity and unit of ``errors``.
+    titles : (str, str)
+        Names of the halves.
     """
     figure = new_figure(HEIGHT)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     axes.set_xlim(0.0, WIDTH)
     axes.set_ylim(0.0, HEIGHT)
-    for centre, title in zip(CENTRES, ("sensor z up", "sensor z down"), strict=True):
+    for centre, title in zip(CENTRES, titles, strict=True):
         _draw_net(axes, centre, title)
     places = project(directions)
     largest = float(np.max(errors)) or 1.0
@@ -98,7 +105,8 @@ def hemispheres(
         linewidths=0.7,
         zorder=3,
     )
-    for label in _labels(_spots(places, errors, numbers), many=len(order) > MANY):
+    spots = _spots(places, errors, numbers) if numbers else []
+    for label in _labels(spots, many=len(order) > MANY):
         if label.needs_line:
             axes.plot(
                 [label.spot.x, label.x],

@@ -101,9 +101,14 @@ class Figures:
         self.parts: list[Html] = []
         self._before = before
 
+    @property
+    def last(self) -> int:
+        """Number of the last figure so far."""
+        return self._before + len(self.parts)
+
     def add(self, name: str, figure: Figure, title: str, caption: str) -> None:
         """Draw one more; ``name`` as for `inline`."""
-        heading = f"Figure {self._before + len(self.parts) + 1}. {title}."
+        heading = f"Figure {self.last + 1}. {title}."
         self.parts.append(
             element(
                 "figure",

@@ -17,6 +17,8 @@ METHODS = {
     "paper": "the published least squares, which trusts the commanded angles of the jig",
     "paper-diagonal": "the published least squares with gain and offset per axis only, which "
     "trusts the commanded angles of the jig",
+    "magnetometer": "the constant magnitude of the magnetic field and its constant angle to "
+    "gravity",
     "multi-position": "multi-position least squares, which trusts gravity alone and needs no "
     "commanded angles",
 }
@@ -55,7 +57,7 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
         *result.warnings,
         *_own_observations(result, session),
     )
-    sensors = "Accelerometer" if result.gyro is None else "Accelerometer and gyroscope"
+    sensors = _calibrated(result)
     if checked is not None and failed:
         headline = checked.headline
     elif attention:
@@ -65,7 +67,8 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
     sentences = [_what(result, session)]
     if checked is not None and not failed:
         sentences.append(checked.headline)
-    sentences.append(_accelerometer(result))
+    if not result.only_magnetometer:
+        sentences.append(_accelerometer(result))
     if result.gyro is not None:
         sentences.append(_gyroscope(result))
     ratio = left_out_ratio(result)
@@ -77,6 +80,14 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
     if result.gravity.known:
         sentences.append(gravity_sentence(result.gravity))
     return Verdict(headline, tuple(sentences), attention)
+
+
+def _calibrated(result: CalibrationResult) -> str:
+    names = [] if result.only_magnetometer else ["accelerometer"]
+    names += [] if result.gyro is None else ["gyroscope"]
+    names += [] if result.mag is None else ["magnetometer"]
+    listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return listed[:1].upper() + listed[1:]
 
 
 def gravity_sentence(gravity: Gravity) -> str:
@@ -98,8 +109,9 @@ def left_out_ratio(result: CalibrationResult) -> float | None:
 
 
 def _own_observations(result: CalibrationResult, session: SessionSummary | None) -> list[str]:
-    found = [] if result.gravity.known else [gravity_sentence(result.gravity)]
-    if result.accel_errors.held_out is None:
+    stated = result.gravity.known or result.only_magnetometer
+    found = [] if stated else [gravity_sentence(result.gravity)]
+    if result.accel_errors.held_out is None and not result.only_magnetometer:
         found.append(
             "No pose was kept out of the fit, so nothing here shows how accurate the "
             "accelerometer is; a residual of the fit does not."
@@ -139,6 +151,8 @@ def _what(result: CalibrationResult, session: SessionSummary | None) -> str:
     serial = f" (serial {result.device.serial})" if result.device.serial else ""
     poses, moves = counted(len(result.poses), "still pose"), counted(len(result.moves), "move")
     data = poses if result.gyro is None else f"{poses} and {moves}"
+    if result.mag is not None and result.only_magnetometer:
+        data = counted(result.mag.count, "sample")
     where = f" on the jig {session.jig}" if session is not None and session.jig else ""
     method = METHODS.get(result.method)
     how = f": {method}." if method else "."
