@@ -234,9 +234,10 @@ def _prepare(
     holes = len(gaps(block.t))
     if holes:
         warnings.append(f"The recording has {holes} gap(s) in its samples; no still spans one.")
-    if block.temperature is not None and float(np.ptp(block.temperature)) > WARMED_C:
+    warmth = _temperature_range(block)
+    if warmth is not None and warmth[1] - warmth[0] > WARMED_C:
         warnings.append(
-            f"The sensor's temperature changed by {np.ptp(block.temperature):.1f} degC during the "
+            f"The sensor's temperature changed by {warmth[1] - warmth[0]:.1f} degC during the "
             "recording: let it warm up first."
         )
     kept = stills.only(usable)
@@ -354,6 +355,14 @@ def _plausible_rest(stills: Stills, gravity: Gravity) -> None:
         )
 
 
+def _temperature_range(block: ImuBlock) -> tuple[float, float] | None:
+    """Lowest and highest temperature [degC]; None where none is a number."""
+    if block.temperature is None:
+        return None
+    known = block.temperature[np.isfinite(block.temperature)]
+    return (float(known.min()), float(known.max())) if len(known) else None
+
+
 def _commanded_of(commanded: CommandedPoses | None, usable: BoolArray) -> CommandedPoses | None:
     return None if commanded is None else commanded.only(usable)
 
@@ -369,7 +378,6 @@ def _result(
     poses, moves = _poses(session, outcome), _moves(session, outcome)
     held_out = np.array([np.nan if p.left_out is None else p.left_out for p in poses])
     gyro_held = np.array([np.nan if m.held_out_rad is None else m.held_out_rad for m in moves])
-    temperature = block.temperature
     return CalibrationResult(
         method=method,
         device=device,
@@ -391,9 +399,7 @@ def _result(
         ),
         rate_hz=sample_rate(block.t),
         duration_s=float(block.t[-1] - block.t[0]),
-        temperature_c=(
-            None if temperature is None else (float(temperature.min()), float(temperature.max()))
-        ),
+        temperature_c=_temperature_range(block),
         warnings=(*warnings, *outcome.warnings),
         accel_at_zero=outcome.accel_at_zero,
         straightness=outcome.straightness,
