@@ -19,6 +19,8 @@ LONGEST_SHARE = 3
 """The longest averaging time is this part of the longest unbroken stretch."""
 STARTS = 64
 """Starts per averaging time beyond which more of them overlap so much that they tell nothing."""
+ALL_UP_TO = 400
+"""Frequencies of the record, from the lowest, that are all taken; above, ever fewer."""
 KINDS = ("quantization", "white", "flicker", "walk", "ramp")
 """The terms of the variance model, in the order of `terms`."""
 FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi
@@ -134,16 +136,17 @@ class Correlation:
         f, width = _frequencies(int(curve.lengths.max()), curve.period)
         w = 2.0 * np.pi * f
         # A ramp has no spectrum; power 1/f^4 stands for it.
-        self._densities = np.stack((w**2, np.ones(len(w)), 1 / w, 1 / w**2, f[0] / w**4))
+        densities = np.stack((w**2, np.ones(len(w)), 1 / w, 1 / w**2, f[0] / w**4))
         # sin^4(pi f tau) / (m sin(pi f dt))^2, what the means of m samples let through
         passed = np.sin(np.pi * np.outer(curve.tau, f)) ** 4
         passed /= (curve.samples[:, None] * np.sin(np.pi * f * curve.period)) ** 2
-        self._passed = passed * np.sqrt(width)
+        rows = (densities[:, None, :] * (passed * np.sqrt(width))).reshape(-1, len(f))
+        shape = (len(densities), len(curve.tau)) * 2
+        self._covariance = (rows @ rows.T).reshape(shape)
 
     def matrix(self, squares: FloatArray) -> FloatArray:
         """Correlation matrix (k, k) for squares of the coefficients (5,)."""
-        rows = self._passed * (squares @ self._densities)
-        covariance = rows @ rows.T
+        covariance = np.einsum("a,b,aibj->ij", squares, squares, self._covariance)
         size = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(size, size))
 
@@ -151,10 +154,10 @@ class Correlation:
 def _frequencies(count: int, period: float) -> tuple[FloatArray, FloatArray]:
     """Frequencies [Hz] and the number that each stands for: all low ones, then ever fewer."""
     last = count // 2
-    low = np.arange(1, min(last, 2000) + 1)
-    if last <= 2000:
+    low = np.arange(1, min(last, ALL_UP_TO) + 1)
+    if last <= ALL_UP_TO:
         return low / (count * period), np.ones(len(low))
-    edges = np.unique(np.rint(np.geomspace(low[-1] + 1, last, 4000)).astype(np.int64))
+    edges = np.unique(np.rint(np.geomspace(low[-1] + 1, last, 2 * ALL_UP_TO)).astype(np.int64))
     # One frequency from a different place in every interval, not to beat with the averaging.
     place = np.modf(np.arange(len(edges) - 1) * 0.6180339887)[0]
     width = np.diff(edges)

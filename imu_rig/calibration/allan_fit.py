@@ -164,7 +164,7 @@ class _Fit:
             parts = self.H * squares
             model = parts.sum(axis=1)
             shares = parts / model[:, None]
-            if np.allclose(squares, before, rtol=1e-4):
+            if np.allclose(squares, before, rtol=1e-5, atol=0.0):
                 break
         return squares, curve.freedom(shares)
 
