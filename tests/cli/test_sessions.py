@@ -23,6 +23,12 @@ hold_s = 0.8
 steps = [{ tilt = 30 }, { tilt = -30 }, { roll = 60, tilt = 0 }, { tilt = 40 }, { tilt = 0 }]
 """
 
+SHORTEST = """
+name = "shortest"
+hold_s = 0.5
+steps = [{ tilt = 20 }, { roll = 20, tilt = 0 }, { tilt = 20 }]
+"""
+
 METHOD = "paper-diagonal"  # the only one that so few poses are enough for
 
 
@@ -150,7 +156,9 @@ def test_another_sensor_does_not_go_on_with_a_session(
     assert "--name" in mixed.stderr
 
 
-def test_hardware_served_by_another_process(tmp_path: Path, protocol: Path, imu_rig: Any) -> None:
+def test_hardware_served_by_another_process(tmp_path: Path, imu_rig: Any) -> None:
+    protocol = tmp_path / "shortest.toml"  # such hardware is as slow as life
+    protocol.write_text(SHORTEST)
     server = subprocess.Popen(
         [PROGRAM, "simulate", "rig", "--tcp", "--json"], stdout=subprocess.PIPE, text=True
     )

@@ -29,10 +29,10 @@ SHORT = JigProtocol(
     name="short",
     hold_s=0.8,
     steps=(
-        Step(roll=0, tilt=30),
-        Step(tilt=-30),
-        Step(tilt=0, roll=60),
-        Step(tilt=40),
+        Step(roll=0, tilt=20),
+        Step(tilt=-10),
+        Step(tilt=0, roll=30),
+        Step(tilt=30),
     ),
 )
 FAULTY_STEP = 2
