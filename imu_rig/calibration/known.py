@@ -81,6 +81,14 @@ class Known:
     rates: RateTable | None = None
 
     @property
+    def spans(self) -> tuple[tuple[float, float], ...]:
+        """Begin and end of everything that is known [s]."""
+        spans = [(p.t0, p.t1) for p in self.parts]
+        if self.rates is not None:
+            spans += zip(self.rates.t0.tolist(), self.rates.t1.tolist(), strict=True)
+        return tuple(spans)
+
+    @property
     def face_parts(self) -> tuple[Part, ...]:
         """Return the static parts, in time order."""
         return tuple(sorted((p for p in self.parts if p.name in FACES), key=lambda p: p.t0))
@@ -91,13 +99,13 @@ class Known:
         return tuple(sorted((p for p in self.parts if p.name in TURNS), key=lambda p: p.t0))
 
 
-def windows_with(parts: tuple[Part, ...], found: FloatArray) -> FloatArray:
-    """Join the static parts with the stills found outside all parts, in time order.
+def windows_with(known: Known, found: FloatArray) -> FloatArray:
+    """Join the static parts with the stills found outside all that is known, in time order.
 
     Parameters
     ----------
-    parts : tuple of Part
-        All parts.
+    known : Known
+        Parts and segments of known rate.
     found : shape (m, 2)
         Begin and end of the stills that were found [s].
 
@@ -107,8 +115,8 @@ def windows_with(parts: tuple[Part, ...], found: FloatArray) -> FloatArray:
         Begin and end [s].
     """
     outside = np.ones(len(found), dtype=bool)
-    for part in parts:
-        outside &= (found[:, 1] <= part.t0) | (found[:, 0] >= part.t1)
-    named = np.array([(p.t0, p.t1) for p in parts if p.name in FACES]).reshape(-1, 2)
-    windows = np.concatenate((named, found[outside]))
+    for t0, t1 in known.spans:
+        outside &= (found[:, 1] <= t0) | (found[:, 0] >= t1)
+    faces = np.array([(p.t0, p.t1) for p in known.face_parts]).reshape(-1, 2)
+    windows = np.concatenate((faces, found[outside]))
     return np.asarray(windows[np.argsort(windows[:, 0], kind="stable")])

@@ -13,7 +13,7 @@ from math import lgamma
 
 import numpy as np
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 
 HIGHEST_HZ = 1.0
 """Terms up to this frequency count: below the tremor of hands and tables."""
@@ -43,7 +43,7 @@ def slow_terms(x: FloatArray, rate_hz: float) -> FloatArray:
     return np.asarray(basis @ y * np.sqrt(2.0 * size / len(y)))
 
 
-def mean_variances(terms: list[FloatArray], samples: FloatArray) -> FloatArray:
+def mean_variances(terms: list[FloatArray], samples: IntArray) -> FloatArray:
     """Variances (m, 3) of the means of ``m`` stills, each axis on its own.
 
     Parameters
@@ -53,13 +53,15 @@ def mean_variances(terms: list[FloatArray], samples: FloatArray) -> FloatArray:
     samples : shape (m,)
         Samples averaged.
     """
+    if not terms:
+        return np.empty((0, 3))
     dof = np.array([float(len(c)) for c in terms])
     variance = np.array([np.mean(c**2, axis=0) for c in terms]).reshape(-1, 3)
     pooled = [drawn_together(variance[:, axis], dof)[0] for axis in range(3)]
     return np.asarray(np.stack(pooled, axis=1) / samples[:, None])
 
 
-def mean_covariances(terms: list[FloatArray], samples: FloatArray, means: FloatArray) -> FloatArray:
+def mean_covariances(terms: list[FloatArray], samples: IntArray, means: FloatArray) -> FloatArray:
     """Covariances (m, 3, 3) of the mean specific forces of ``m`` stills.
 
     Tremor turns the sensor: it moves gravity between the axes and leaves its magnitude alone. So

@@ -16,6 +16,7 @@ from imu_rig.calibration.direction import (
     fit_directions,
 )
 from imu_rig.calibration.earth import earth_covariance
+from imu_rig.calibration.faces import faces_of
 from imu_rig.calibration.gyro_bias import BiasTrack, track_bias
 from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
 from imu_rig.calibration.model import AXES, PhysicalFigures, physical_figures
@@ -35,6 +36,8 @@ NO_ACCEL = (10.0, 0.1, 1.0)
 """Standard uncertainties beyond which a data sheet says more: the parameter is not determined."""
 NO_GAIN, NO_LEAN = 0.05, 0.1
 """The same of a gyroscope's gains, on and off the diagonal."""
+ON_FACE = 10.0 * DEG
+"""A still this near to an axis was meant to stand on that face."""
 HOPELESS = 5.0 * DEG
 """Median gravity-direction error after calibration that makes the gyroscope's gain worthless."""
 LARGE_EXCESS = 0.3 * DEG
@@ -54,23 +57,7 @@ def multi_position(session: Session) -> Outcome:
         or axes contradict gravity. A gyroscope that was not turned enough is left out instead,
         and a warning says which turns to add.
     """
-    stills = session.stills
-    directions = _unit(stills.accel_mean)
-    if len(stills) < UNKNOWNS:
-        raise DataError(
-            f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
-            f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
-            f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
-        )
-    fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
-    figures = physical_figures(fit.affine)
-    free = _beyond(figures, NO_ACCEL)
-    if free:
-        raise DataError(
-            f"the {len(stills)} still poses do not determine {_list(free)} of the accelerometer; "
-            f"{_add(directions)}"
-        )
-    warnings = _accel_warnings(session, fit, figures, directions)
+    fit, warnings = solve_accelerometer(session)
     gyro: GyroOutcome | None = None
     if session.has_gyro:
         gyro, more = _solve_gyro(session, fit)
@@ -79,6 +66,59 @@ def multi_position(session: Session) -> Outcome:
         warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
     accel = AccelOutcome(fit.affine, fit.sigma, fit.left_out, fit.left_out_sigma)
     return Outcome("sensor", accel, gyro, tuple(warnings))
+
+
+def static(session: Session) -> Outcome:
+    """Solve the accelerometer alone, from still poses; a gyroscope only tells what is still.
+
+    Raises
+    ------
+    DataError
+        Too few poses or too poor a spread.
+    """
+    fit, warnings = solve_accelerometer(session)
+    accel = AccelOutcome(fit.affine, fit.sigma, fit.left_out, fit.left_out_sigma)
+    return Outcome("sensor", accel, None, tuple(warnings))
+
+
+def solve_accelerometer(session: Session) -> tuple[MagnitudeFit, list[str]]:
+    """Fit the accelerometer to the magnitude of gravity, with sentences for the user.
+
+    Raises
+    ------
+    DataError
+        Too few poses or too poor a spread, with what to add, or the method that needs less.
+    """
+    stills = session.stills
+    directions = _unit(stills.accel_mean)
+    if len(stills) < UNKNOWNS:
+        raise DataError(
+            f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
+            f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
+            f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
+            f"{_or_faces(stills.accel_mean)}"
+        )
+    fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
+    figures = physical_figures(fit.affine)
+    free = _beyond(figures, NO_ACCEL)
+    if free:
+        raise DataError(
+            f"the {len(stills)} still poses do not determine {_list(free)} of the accelerometer; "
+            f"{_add(directions)}{_or_faces(stills.accel_mean)}"
+        )
+    return fit, _accel_warnings(session, fit, figures, directions)
+
+
+def _or_faces(means: FloatArray) -> str:
+    """Name the method for six faces where all are there; trusting them is the user's choice."""
+    axis, sign, near = faces_of(means, ON_FACE)
+    if len({(a, s) for a, s, on in zip(axis, sign, near, strict=True) if on}) < 6:
+        return ""
+    return (
+        ". All six faces are there: if the sensor sits in a square block that stood on a level "
+        "table and was turned once about each axis, --method ferraris uses that, with less certain "
+        "lean and gain"
+    )
 
 
 def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | None, list[str]]:

@@ -56,7 +56,8 @@ METHODS: dict[str, Callable[[Session], Outcome]] = {
 }
 """Every solver by the name that options and certificates use."""
 
-DEFAULT_METHOD = "multi-position"
+DEFAULT_METHOD = "auto"
+"""The method that a recording calls for; see `chosen_method`."""
 WARMED_C = 3.0
 PLAUSIBLE_REST = (0.7, 1.4)
 """What an uncalibrated accelerometer may read at rest, over gravity."""
@@ -88,7 +89,7 @@ def solve(
         Begin and end of every still [s] on ``block.t``, settling cut off; found automatically
         where not given.
     method : str
-        A name in `METHODS`, or ``"magnetometer"``, which calibrates nothing else.
+        A name in `METHODS`, ``"auto"`` for what `chosen_method` takes, or ``"magnetometer"``, which calibrates nothing else.
     gravity : Gravity or float, optional
         Local gravity, a number in m/s^2; standard gravity by default, which the result states.
     commanded : CommandedPoses, optional
@@ -114,9 +115,7 @@ def solve(
     local = Gravity.given(gravity) if isinstance(gravity, float | int) else gravity or Gravity()
     if method == MAGNETOMETER:
         return magnetometer_alone(block, local, device or DeviceInfo(), field_ut)
-    if method not in METHODS:
-        names = ", ".join((*METHODS, MAGNETOMETER))
-        raise InputError(f"there is no method {method!r}; choose one of {names}")
+    method = chosen_method(method, on_jig=commanded is not None)
     facts = known or Known()
     if windows is None and facts.spans:
         windows = windows_with(facts, _stills_if_any(block))
@@ -146,6 +145,22 @@ def _stills_if_any(block: ImuBlock) -> FloatArray:
     except DataError:
         return np.empty((0, 2))
     return np.stack((found.t0, found.t1), axis=1)
+
+
+def chosen_method(method: str, *, on_jig: bool) -> str:
+    """Return the method's own name; for ``"auto"`` joint on a jig and multi-position by hand.
+
+    Raises
+    ------
+    InputError
+        There is no such method.
+    """
+    if method == DEFAULT_METHOD:
+        return "joint" if on_jig else "multi-position"
+    if method not in METHODS:
+        names = ", ".join((*METHODS, MAGNETOMETER))
+        raise InputError(f"there is no method {method!r}; choose one of {names}")
+    return method
 
 
 def _verification(

@@ -11,10 +11,7 @@ if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
 
 Json = Annotated[
-    bool,
-    typer.Option(
-        "--json", help="Print one JSON object to stdout; talk stays on stderr."
-    ),
+    bool, typer.Option("--json", help="Print one JSON object to stdout; talk stays on stderr.")
 ]
 Gravity_ = Annotated[
     float | None,
@@ -25,40 +22,35 @@ Latitude = Annotated[
     typer.Option("--latitude", help="Latitude [deg], to compute local gravity from."),
 ]
 Height = Annotated[
-    float | None,
-    typer.Option("--height", help="Height above sea level [m], with --latitude."),
+    float | None, typer.Option("--height", help="Height above sea level [m], with --latitude.")
 ]
 Method = Annotated[
     str,
     typer.Option(
         "--method",
-        help="multi-position (trusts gravity alone), paper or paper-diagonal (trust the jig).",
+        help="auto: joint on a jig (gravity and jig, each for what it knows), multi-position "
+        "(gravity alone) by hand. Others: paper or paper-diagonal (trust the jig), static, "
+        "ferraris, turntable, magnetometer (nothing else).",
     ),
 ]
 Output = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", help="Folder for certificate and report."),
+    Path | None, typer.Option("--output", "-o", help="Folder for certificate and report.")
 ]
 MapFile = Annotated[
     Path | None, typer.Option("--map", help="TOML file that names columns and units.")
 ]
 Columns = Annotated[
     str | None,
-    typer.Option(
-        "--columns", help='Names of all columns, as in "t ax ay az gx gy gz".'
-    ),
+    typer.Option("--columns", help='Names of all columns, as in "t ax ay az gx gy gz".'),
 ]
 Rate = Annotated[
-    float | None,
-    typer.Option("--rate", help="Samples per second, where there is no time column."),
+    float | None, typer.Option("--rate", help="Samples per second, where there is no time column.")
 ]
 AccelColumns = Annotated[
     str | None,
     typer.Option("--accel", help="Accelerometer columns by name or number, as X,Y,Z."),
 ]
-GyroColumns = Annotated[
-    str | None, typer.Option("--gyro", help="Gyroscope columns, likewise.")
-]
+GyroColumns = Annotated[str | None, typer.Option("--gyro", help="Gyroscope columns, likewise.")]
 MagColumns = Annotated[
     str | None,
     typer.Option(
@@ -69,13 +61,9 @@ MagColumns = Annotated[
 ]
 FieldUt = Annotated[
     float | None,
-    typer.Option(
-        "--field", help="Magnitude of the magnetic field there [uT], if known."
-    ),
+    typer.Option("--field", help="Magnitude of the magnetic field there [uT], if known."),
 ]
-TimeColumn = Annotated[
-    str | None, typer.Option("--time", help="Time column by name or number.")
-]
+TimeColumn = Annotated[str | None, typer.Option("--time", help="Time column by name or number.")]
 AccelUnit = Annotated[
     str | None,
     typer.Option("--accel-unit", help='m/s2, g, mg or counts as in "16384 LSB/g".'),
@@ -85,23 +73,15 @@ GyroUnit = Annotated[
     typer.Option("--gyro-unit", help='rad/s, deg/s or counts as in "131 LSB/(deg/s)".'),
 ]
 MagUnit = Annotated[str | None, typer.Option("--mag-unit", help="uT, gauss, mG or nT.")]
-TimeUnit = Annotated[
-    str | None, typer.Option("--time-unit", help="s, ms, us, ns or samples.")
-]
-SensorName = Annotated[
-    str, typer.Option("--name", help="Name of the sensor, for the certificate.")
-]
-Serial = Annotated[
-    str, typer.Option("--serial", help="Serial number, for the certificate.")
-]
+TimeUnit = Annotated[str | None, typer.Option("--time-unit", help="s, ms, us, ns or samples.")]
+SensorName = Annotated[str, typer.Option("--name", help="Name of the sensor, for the certificate.")]
+Serial = Annotated[str, typer.Option("--serial", help="Serial number, for the certificate.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
 
-DEFAULT_METHOD = "multi-position"
+DEFAULT_METHOD = "auto"
 
 
-def gravity_from(
-    gravity: float | None, latitude: float | None, height: float | None
-) -> Gravity:
+def gravity_from(gravity: float | None, latitude: float | None, height: float | None) -> Gravity:
     """Gravity as the options say it; standard gravity, and said so, where they say nothing.
 
     Raises

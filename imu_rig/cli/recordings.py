@@ -73,14 +73,17 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
 
 def read_block(file: Path, table: TableOptions) -> tuple[ImuBlock, str]:
     """Read a table; return its samples and the SHA-256 of the file."""
-    import hashlib
-
     from imu_rig.importing.read_table import read_table
 
-    block = read_table(file, table.column_map())
+    return read_table(file, table.column_map()), digest_of(file)
+
+
+def digest_of(file: Path) -> str:
+    """Return the SHA-256 of a file."""
+    import hashlib
+
     try:
         with file.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{file} cannot be read: {error.strerror}.") from error
-    return block, digest

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imu_rig.cli.known_facts import KnownOptions, Parts, Rates, TurnAngle, read_with_facts
 from imu_rig.cli.options import (
     DEFAULT_METHOD,
     AccelColumns,
@@ -32,7 +33,7 @@ from imu_rig.cli.options import (
     TimeUnit,
     gravity_from,
 )
-from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
+from imu_rig.cli.recordings import TableOptions, digest_of, open_if_trial
 
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
@@ -40,10 +41,12 @@ if TYPE_CHECKING:
     from imu_rig.recording.reader import Trial
 
 
+WITHOUT_JIG = ("static", "ferraris", "turntable", "magnetometer")
+"""Methods that take the samples of a jig session and nothing of its commands."""
+
+
 def solve(
-    file: Annotated[
-        Path, typer.Argument(help="A trial file, a CSV or white-space text.")
-    ],
+    file: Annotated[Path, typer.Argument(help="A trial file, a CSV or white-space text.")],
     method: Method = DEFAULT_METHOD,
     gravity: Gravity_ = None,
     latitude: Latitude = None,
@@ -60,6 +63,9 @@ def solve(
     mag_unit: MagUnit = None,
     time_unit: TimeUnit = None,
     field: FieldUt = None,
+    parts: Parts = None,
+    turn_angle: TurnAngle = None,
+    rates: Rates = None,
     name: SensorName = "",
     serial: Serial = "",
     output: Output = None,
@@ -71,25 +77,17 @@ def solve(
 
     local_gravity = gravity_from(gravity, latitude, height)
     table = TableOptions(
-        map_file,
-        columns,
-        rate,
-        accel,
-        gyro,
-        time,
-        accel_unit,
-        gyro_unit,
-        mag_unit,
-        time_unit,
-        mag,
+        map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
     )
+    beside = KnownOptions(parts, turn_angle, rates)
+    beside.check(method)
     trial = open_if_trial(file, table)
     if trial is not None:
-        result = _solve_trial(trial, method, local_gravity, field)
+        result = _solve_trial(trial, method, local_gravity, field, beside)
         digest = trial.sha256
     else:
         result, digest = _solve_table(
-            file, table, method, local_gravity, field, name, serial
+            file, table, method, local_gravity, field, name, serial, beside
         )
     certificate = certificate_of(result, recording=(file.name, digest))
     files: dict[str, str] = {}
@@ -98,13 +96,11 @@ def solve(
         files = sessions.write_results(folder, result, certificate, trial=trial)
     sessions.show(result, certificate, files, as_json=as_json)
     if not files and not as_json:
-        sys.stderr.write(
-            "Nothing was written; --output DIR writes certificate and report.\n"
-        )
+        sys.stderr.write("Nothing was written; --output DIR writes certificate and report.\n")
 
 
 def _solve_trial(
-    trial: Trial, method: str, gravity: Gravity, field: float | None
+    trial: Trial, method: str, gravity: Gravity, field: float | None, beside: KnownOptions
 ) -> CalibrationResult:
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
@@ -112,15 +108,17 @@ def _solve_trial(
     from imu_rig.session.history import is_session
     from imu_rig.session.solve import solve_session
 
-    if is_session(trial):
+    if is_session(trial) and method not in WITHOUT_JIG:
         return solve_session(trial, method=method, gravity=gravity, field_ut=field)
     sensor = require_one_imu(trial, None)
+    block = trial.imu(sensor)
     return solve_block(
-        trial.imu(sensor),
+        block,
         method=method,
         gravity=gravity,
         field_ut=field,
         device=DeviceInfo(name=sensor),
+        known=beside.facts(block),
     )
 
 
@@ -132,12 +130,14 @@ def _solve_table(
     field: float | None,
     name: str,
     serial: str,
+    beside: KnownOptions,
 ) -> tuple[CalibrationResult, str]:
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
 
-    block, digest = read_block(file, table)
+    block, known = read_with_facts(file, table.column_map(), method, beside)
     device = DeviceInfo(name=name or file.stem, serial=serial)
-    return solve_block(
-        block, method=method, gravity=gravity, field_ut=field, device=device
-    ), digest
+    result = solve_block(
+        block, method=method, gravity=gravity, field_ut=field, device=device, known=known
+    )
+    return result, digest_of(file)
