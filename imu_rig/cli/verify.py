@@ -117,8 +117,6 @@ def verify(
     """
     from imu_rig.calibration.certificate import load_certificate
     from imu_rig.cli import sessions
-    from imu_rig.report.page import write_report
-    from imu_rig.report.verification import verification_page
 
     certified = load_certificate(certificate)
     asked = gravity_from(gravity, latitude, height)
@@ -147,6 +145,9 @@ def verify(
         files["trial"] = str(trial)
         recording = TRIAL_NAME
     if folder is not None:
+        from imu_rig.report.page import write_report
+        from imu_rig.report.verification import verification_page
+
         page = verification_page(
             certified,
             found,

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from imu_rig.devices.jig import JigConfig, load_jig
 from imu_rig.errors import InputError
 from imu_rig.session.plan import SessionPlan, plan_session
-from imu_rig.session.protocol import AXIS_NAMES, JigProtocol, Step, builtin_protocols, load_protocol
+from imu_rig.session.protocol import (
+    AXIS_NAMES,
+    JigProtocol,
+    Mounting,
+    Step,
+    builtin_protocols,
+    load_protocol,
+)
 
 JIG = load_jig("paper-jig")
 
@@ -84,3 +91,13 @@ def test_roll_turns_alone_so_that_its_turns_have_one_fixed_axis() -> None:
     turning = [stage.single_axis for step in fitted for stage in step.stages]
     assert turning.count("roll") == 8
     assert turning.count("tilt") >= 16
+
+
+def test_the_way_into_another_mounting_begins_parked_and_the_mounting_stays() -> None:
+    over = Mounting(name="over", axis=(0, 1, 0), angle_deg=90)
+    steps = (Step(tilt=40), Step(roll=30, mounting=2), Step(tilt=10), Step(tilt=0, mounting=1))
+    plan = plan_session(JigProtocol(name="x", steps=steps, mountings=(over, over)), JIG)
+    assert [step.mounting for step in plan.steps] == [0, 1, 1, 0]
+    assert plan.steps[1].stages[0].start == plan.start
+    assert plan.steps[2].stages[0].start == plan.steps[1].pose
+    assert plan.steps[3].stages[0].start == plan.start

@@ -1,5 +1,6 @@
 """Protocol files: what they say, what they may not say, and how a mistake is named."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -91,3 +92,20 @@ def test_a_protocol_survives_its_own_json() -> None:
 
 def test_a_pose_is_written_for_people() -> None:
     assert str(Pose(pan=90, tilt=-45, roll=0)) == "pan +90° tilt -45° roll +0°"
+
+
+def test_a_mounting_is_a_rotation_about_an_axis_of_the_plate() -> None:
+    protocol = load_protocol("two-mountings")
+    flat, on_end = protocol.mounting_turns
+    assert flat == (0.0, 0.0, 0.0)
+    assert on_end == pytest.approx((0.0, math.pi / 2, 0.0))
+    assert set(protocol.mounting_of_steps) == {0, 1}
+    assert all(mounting.instruction for mounting in protocol.mountings)
+
+
+def test_the_check_protocol_is_short_and_fits_nothing() -> None:
+    protocol = load_protocol("check")
+    assert protocol.only_checks
+    assert 8 <= len(protocol.steps) <= 10
+    assert not load_protocol("full").only_checks
+    assert 4 <= sum(step.kind == "check" for step in load_protocol("full").steps) <= 6
