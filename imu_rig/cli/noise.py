@@ -29,6 +29,7 @@ from imu_rig.cli.options import (
 from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
 
 if TYPE_CHECKING:
+    from imu_rig.calibration.certificate import Certificate
     from imu_rig.calibration.noise_model import NoiseModel
 
 MODEL_NAME = "noise.json"
@@ -59,6 +60,12 @@ def noise(
         Path | None,
         typer.Option("--output", "-o", help="Folder for the noise model and the report."),
     ] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            "--certificate", help="A certificate of the sensor; a copy gets the noise as a part."
+        ),
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -70,6 +77,8 @@ def noise(
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit
     )
+    if certificate is not None and output is None:
+        raise InputError("--certificate needs --output DIR, where the copy is written.")
     progress = _Progress(quiet=quiet)
     trial = open_if_trial(file, table)
     if trial is not None:
@@ -93,14 +102,18 @@ def noise(
         progress.end()
     files: dict[str, str] = {}
     if output is not None:
-        from imu_rig.cli.sessions import new_folder
+        from imu_rig.cli.sessions import CERTIFICATE_NAME, new_folder
         from imu_rig.report.noise import noise_report
         from imu_rig.report.page import write_report
 
-        folder = new_folder(output, (MODEL_NAME, REPORT_NAME))
+        whole = None if certificate is None else _with_noise(certificate, analysis.model)
+        folder = new_folder(output, (MODEL_NAME, REPORT_NAME, CERTIFICATE_NAME))
         analysis.model.save(folder / MODEL_NAME)
         write_report(folder / REPORT_NAME, noise_report(analysis))
         files = {"noise": str(folder / MODEL_NAME), "report": str(folder / REPORT_NAME)}
+        if whole is not None:
+            whole.save(folder / CERTIFICATE_NAME)
+            files["certificate"] = str(folder / CERTIFICATE_NAME)
     if as_json:
         model = analysis.model.model_dump(mode="json", by_alias=True)
         sys.stdout.write(json.dumps({"noise": model, "files": files}, allow_nan=False) + "\n")
@@ -111,6 +124,18 @@ def noise(
         sys.stdout.write(f"  {kind:12}{path}\n")
     if not files:
         sys.stderr.write("Nothing was written; --output DIR writes noise model and report.\n")
+
+
+def _with_noise(file: Path, model: NoiseModel) -> Certificate:
+    """Return a certificate with the noise; one of another serial number is refused."""
+    from imu_rig.calibration.certificate import load_certificate
+    from imu_rig.errors import InputError
+
+    certificate = load_certificate(file)
+    theirs, ours = certificate.device.serial, model.device.serial
+    if theirs and ours and theirs != ours:
+        raise InputError(f"{file} is of the sensor with serial number {theirs}, not {ours}.")
+    return certificate.model_copy(update={"noise": model})
 
 
 def noise_lines(model: NoiseModel) -> list[str]:

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulated_noise import still_block
 from simulated_sessions import MILLI_G, random_sensor, record, spread_attitudes
 
 from imu_rig.calibration.certificate import apply_certificate, certificate_of, load_certificate
+from imu_rig.calibration.noise import analyse_noise
 from imu_rig.calibration.result import CalibrationResult
 from imu_rig.calibration.solve import solve
 from imu_rig.calibration.temperature_term import at_reference, warmth
@@ -93,8 +95,10 @@ def test_the_calibration_holds_at_the_reference_and_elsewhere(tmp_path) -> None:
     result = solve(block, holds)
     term = result.temperature
     assert term is not None
-    certificate_of(result).save(tmp_path / "certificate.json")
+    noise = analyse_noise(still_block(3000)).model
+    certificate_of(result, noise=noise).save(tmp_path / "certificate.json")
     certificate = load_certificate(tmp_path / "certificate.json")
+    assert certificate.noise == noise
     assert certificate.temperature is not None
 
     def errors(calibrated):
