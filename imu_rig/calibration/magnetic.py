@@ -65,7 +65,10 @@ HIDDEN_IRON = (
 
 def varies(block: ImuBlock) -> bool:
     """Whether the block has a magnetometer that shows anything."""
-    return block.mag is not None and len(block) > 0 and bool(np.any(np.ptp(block.mag, axis=0) > 0))
+    if block.mag is None or not len(block):
+        return False
+    # Values that are not numbers are somebody's readings too: calibrating refuses them.
+    return bool(np.any(np.ptp(block.mag, axis=0) != 0))
 
 
 def calibrate_from_stills(

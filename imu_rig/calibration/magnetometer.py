@@ -240,13 +240,14 @@ def direction_uncertainty(affine: Affine, field_ut: float) -> float:
 
     Root mean square over all directions of the field, per axis across it.
     """
-    total, units = 0.0, sphere(SPHERE)
-    for u in units:
-        raw = affine.undo(u * field_ut)
-        J = np.concatenate((np.kron(np.eye(3), raw), -np.eye(3)), axis=1)
-        across = np.eye(3) - np.outer(u, u)
-        total += float(np.trace(across @ J @ affine.covariance @ J.T @ across)) / 2.0
-    return float(np.sqrt(max(0.0, total) / len(units)) / field_ut)
+    units = sphere(SPHERE)
+    h = np.concatenate((affine.undo(units * field_ut), -np.ones((SPHERE, 1))), axis=1)
+    rows = np.array([[3 * i, 3 * i + 1, 3 * i + 2, 9 + i] for i in range(3)])
+    blocks = affine.covariance[rows[:, None, :, None], rows[None, :, None, :]]
+    C = np.einsum("na,ijab,nb->nij", h, blocks, h)
+    along = np.einsum("ni,nij,nj->n", units, C, units)
+    across = (np.trace(C, axis1=1, axis2=2) - along) / 2.0
+    return float(np.sqrt(max(0.0, float(across.mean()))) / field_ut)
 
 
 def _aligned(p: FloatArray, readings: FieldReadings) -> FloatArray:

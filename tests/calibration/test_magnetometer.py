@@ -45,7 +45,7 @@ def errors(result, compass):
 @pytest.mark.parametrize("dip_deg", [20.0, 60.0, 75.0, -60.0])
 def test_gain_offset_and_axes_are_found_at_any_dip(rolls, dip_deg):
     found = []
-    for seed in range(3):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         compass = Compass.random(rng)
         result = calibrate(jig_matrices(pose_list(rolls)), compass, rng, dip_deg=dip_deg)
@@ -53,7 +53,7 @@ def test_gain_offset_and_axes_are_found_at_any_dip(rolls, dip_deg):
         assert result.alignment == "dip"
         assert abs(result.dip_rad - dip_deg * DEG) < 5 * result.dip_u < 1.0 * DEG
         found.append(errors(result, compass))
-    angle, size = np.median(found, axis=0)
+    angle, size = np.mean(found, axis=0)
     assert angle < 0.12
     assert size < 0.12
 
@@ -81,7 +81,7 @@ def test_known_attitudes_do_better_than_the_dip_alone_where_the_pan_never_turned
 def test_stated_uncertainties_hold_the_truth():
     matrices = jig_matrices(pose_list(8))
     inside, dips = [], []
-    for seed in range(100):
+    for seed in range(60):
         rng = np.random.default_rng(500 + seed)
         compass = Compass.random(rng)
         result = calibrate(matrices, compass, rng, hold_s=1.0)
@@ -100,7 +100,7 @@ def test_stated_uncertainties_hold_the_truth():
 def test_uncertainties_of_samples_hold_the_truth_though_errors_go_on_for_seconds():
     rng = np.random.default_rng(11)
     inside = []
-    for _ in range(20):
+    for _ in range(12):
         compass = Compass.random(rng)
         block = tumbling(compass, rng, noise=0.004, wander=0.01)
         result = calibrate_from_samples(block, field_ut=FIELD)
