@@ -22,11 +22,11 @@ from imu_rig.calibration.expected_paper import expected_of_paper
 from imu_rig.calibration.model import AXES
 from imu_rig.calibration.multi_position import COMFORTABLE_POSES
 from imu_rig.calibration.paper import Model
-from imu_rig.calibration.solve import METHODS
+from imu_rig.calibration.solve import chosen_method
 from imu_rig.devices.jig_config import JigConfig
 from imu_rig.errors import DataError, InputError
 from imu_rig.session.plan import ARRIVAL_S, PlannedStep, SessionPlan, Stage, travel_time
-from imu_rig.session.protocol import AXIS_NAMES, Pose
+from imu_rig.session.protocol import Pose
 from imu_rig.units import DEG
 
 REMOUNTING_S = 60.0
@@ -61,8 +61,7 @@ def outlook(plan: SessionPlan, jig: JigConfig, method: str) -> Outlook:
         If there is no such method, or the protocol cannot determine a parameter by it; says what
         to add.
     """
-    if method not in METHODS:
-        raise InputError(f"There is no method '{method}': take one of {', '.join(METHODS)}.")
+    method = chosen_method(method, on_jig=True)
     name = plan.protocol.name
     if plan.protocol.only_checks:
         raise InputError(
@@ -178,6 +177,8 @@ def _poses_to_add(design: Design, plan: SessionPlan, jig: JigConfig) -> str:
     first = design.mounting[0]
     up = design.directions_at(angles, np.full(len(angles), first))
     chosen = choose(up, design.directions())
+    if not chosen:
+        return "add poses in between, or take a longer protocol, such as full"
     by_tilt: dict[float, list[float]] = {}
     for i in chosen:
         _, tilt, roll = np.round(angles[i] / DEG)
@@ -190,7 +191,7 @@ def _poses_to_add(design: Design, plan: SessionPlan, jig: JigConfig) -> str:
     )
     closed = np.concatenate((design.directions(), up[list(chosen)]))
     if np.any(magnitude_sigma(closed) > FREE_ACCEL):
-        return f"{_second_mounting(plan)} with poses at {text}" if text else _second_mounting(plan)
+        return f"{_second_mounting(plan)}, with poses at {text} in both"
     return f"add poses at {text}"
 
 
@@ -266,13 +267,13 @@ def _warnings(design: Design, plan: SessionPlan, jig: JigConfig) -> list[str]:
         )
     spread = magnitude_sigma(directions)[[0, 3, 5]].max()
     best = magnitude_sigma(sphere(m))[[0, 3, 5]].max()
-    if spread > SHORT * best:
-        reach = {axis: np.abs(design.angles[:, i]).max() / DEG for i, axis in enumerate(AXIS_NAMES)}
+    if m >= COMFORTABLE_POSES and spread > SHORT * best:
+        tilt, roll = (np.abs(design.angles[:, i]).max() / DEG for i in (1, 2))
         found.append(
-            f"Tilt up to {reach['tilt']:.0f} and roll up to {reach['roll']:.0f} degrees show "
-            f"gravity too little of each axis: the accelerometer's scale will be "
-            f"{spread / best:.0f} times as uncertain as from poses all around; "
-            f"{_poses_to_add(design, plan, jig)}, or {_second_mounting(plan)}."
+            f"Poses with tilt up to {tilt:.0f} and roll up to {roll:.0f} degrees show gravity too "
+            f"little of some axis: the accelerometer's scale will be {spread / best:.0f} times as "
+            f"uncertain as from poses all around; {_poses_to_add(design, plan, jig)}, or "
+            f"{_second_mounting(plan)}."
         )
     if np.ptp(design.angles[:, 0]) < 30.0 * DEG:
         found.append(
