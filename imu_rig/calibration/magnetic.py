@@ -58,7 +58,7 @@ LARGE_TURN, NO_TURN = 0.5 * DEG, 5.0 * DEG
 MOST_POINTS = 300
 HIDDEN_IRON = (
     "Iron and magnets that stand still while the sensor turns, such as a jig's servos, shift the "
-    "result by more than any residual shows: 1 % of the field there turns readings by about 0.6 "
+    "result by more than any residual shows: 1 % of the field there turns readings by up to 0.6 "
     "degrees. Compare with a calibration by hand, away from the jig."
 )
 
