@@ -6,6 +6,11 @@ from typing import Any
 
 import pytest
 
+from imu_rig.calibration.verification import Limits
+from imu_rig.cli.summary import result_lines
+from imu_rig.recording.reader import open_trial
+from imu_rig.session import solve
+
 CHECK = """
 name = "tiny check"
 hold_s = 1.0
@@ -87,3 +92,14 @@ def test_a_file_and_hardware_together_are_refused(inside: Any, finished: dict[st
     files = finished["files"]
     done = inside("verify", files["certificate"], files["trial"], "--simulate", code=2)
     assert "not both" in done.stderr
+
+
+def test_a_failed_verification_is_the_first_thing_that_is_said(
+    inside: Any, finished: dict[str, Any], tmp_path: Path
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solve, "limits_of", lambda stated: Limits(1e-9, 1e-9, 1e-3))
+        result = solve.solve_session(open_trial(Path(finished["files"]["trial"])))
+    lines = result_lines(result)
+    assert "Verification FAILED: 10 of 10 checks" in lines[0]
+    assert any("more are in the report" in line for line in lines)
