@@ -18,7 +18,7 @@ from imu_rig.calibration.joint_data import JointData, earth_prior
 from imu_rig.calibration.joint_fit import default_prior, predict
 from imu_rig.calibration.joint_model import NONLINEARITY
 from imu_rig.calibration.joint_result import gyro_model, jig_estimate, line_over_one_g
-from imu_rig.calibration.model import AXES, PhysicalFigures, physical_figures
+from imu_rig.calibration.model import AXES, Affine, PhysicalFigures, physical_figures
 from imu_rig.calibration.moves import Moves
 from imu_rig.calibration.session import CommandedTurn
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
@@ -262,6 +262,12 @@ def expected_uncertainty(design: Design, *, angles_known: bool = True) -> Expect
         reading=sphere_error(accel).rms,
         turn=turn_error(gyro).rms,
     )
+
+
+def expected_sensors(design: Design) -> tuple[Affine, Affine]:
+    """Accelerometer and gyroscope of a nominal sensor with the covariance of the session."""
+    fit = predict(design.data())
+    return line_over_one_g(fit), gyro_model(fit)
 
 
 def _rms(values: FloatArray) -> float:

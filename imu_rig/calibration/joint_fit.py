@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import lapack
 
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.joint_data import BIAS_WALK, JointData
@@ -310,8 +311,12 @@ def _scales(
 def _inverse(N: FloatArray) -> FloatArray:
     scale = 1.0 / np.sqrt(np.diag(N))
     scaled = N * np.outer(scale, scale)
-    inverse: FloatArray = np.linalg.inv(scaled) * np.outer(scale, scale)
-    return inverse
+    factor, failed = lapack.dpotrf(scaled, lower=1)
+    if failed:
+        return np.asarray(np.linalg.inv(scaled) * np.outer(scale, scale))
+    lower = np.tril(lapack.dpotri(factor, lower=1)[0])
+    inverse: FloatArray = lower + np.tril(lower, -1).T
+    return inverse * np.outer(scale, scale)
 
 
 def unit(v: FloatArray) -> FloatArray:

@@ -165,33 +165,11 @@ def calibrate(
 def _print_plan(plan: SessionPlan, forecast: Outlook, jig: str, *, as_json: bool) -> None:
     import json
 
-    from imu_rig.cli.outlook import expected_json, expected_lines
+    from imu_rig.cli.outlook import expected_json, expected_lines, plan_json, plan_lines
 
     if as_json:
-        steps = [
-            {
-                "name": step.name,
-                "kind": step.kind,
-                "pose_deg": step.pose.angles(),
-                "hold_s": step.hold_s,
-                "duration_s": round(step.duration_s, 2),
-            }
-            for step in plan.steps
-        ]
-        told = {
-            "duration_s": plan.duration_s,
-            "steps": steps,
-            "expected": expected_json(forecast.expected, forecast.warnings),
-        }
-        sys.stdout.write(json.dumps(told) + "\n")
+        expected = expected_json(forecast.expected, forecast.warnings)
+        sys.stdout.write(json.dumps({**plan_json(plan), "expected": expected}) + "\n")
         return
-    for step in plan.steps:
-        late = [axis for axis, sign in step.approach.items() if sign < 0]
-        note = f"   {', '.join(late)} from above: no room to overshoot" if late else ""
-        sys.stdout.write(f"{step.index + 1:4}  {step.name:40}{step.duration_s:6.1f} s{note}\n")
-    sys.stdout.write(
-        f"{len(plan.steps)} stops on jig '{jig}' take about {plan.duration_s:.0f} s, "
-        "all inside its limits.\n\n"
-    )
-    for line in expected_lines(forecast.expected, forecast.warnings):
-        sys.stdout.write(line + "\n")
+    table = expected_lines(forecast.expected, forecast.warnings)
+    sys.stdout.write("\n".join([*plan_lines(plan, jig), "", *table, ""]))

@@ -17,8 +17,23 @@ from typing import Annotated, NoReturn, TextIO
 import typer
 
 from imu_rig import __version__
-from imu_rig.cli import calibrate, certificate, demo, export, info, noise, simulate, solve, verify
+from imu_rig.cli import (
+    calibrate,
+    certificate,
+    demo,
+    export,
+    info,
+    noise,
+    protocol,
+    simulate,
+    solve,
+    verify,
+)
 from imu_rig.errors import ImuRigError, StorageError
+
+# Before numpy is imported: matrices are small here, and threads would wait for each other longer
+# than they work.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(
     name="imu-rig",
@@ -36,6 +51,7 @@ app.command("noise")(noise.noise)
 app.command("info")(info.info)
 app.command("export")(export.export)
 app.add_typer(certificate.app, name="certificate")
+app.add_typer(protocol.app, name="protocol")
 app.add_typer(simulate.app, name="simulate")
 
 

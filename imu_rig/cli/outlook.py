@@ -10,8 +10,38 @@ from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
     from imu_rig.calibration.expected import ExpectedUncertainty
+    from imu_rig.session.plan import SessionPlan
 
 LABEL_WIDTH = 38
+
+
+def plan_lines(plan: SessionPlan, jig: str) -> list[str]:
+    """Lines that tell every stop of a plan and its time."""
+    lines = []
+    for step in plan.steps:
+        late = [axis for axis, sign in step.approach.items() if sign < 0]
+        note = f"   {', '.join(late)} from above: no room to overshoot" if late else ""
+        lines.append(f"{step.index + 1:4}  {step.name:40}{step.duration_s:6.1f} s{note}")
+    return [
+        *lines,
+        f"{len(plan.steps)} stops on jig '{jig}' take about {plan.duration_s:.0f} s, "
+        "all inside its limits.",
+    ]
+
+
+def plan_json(plan: SessionPlan) -> dict[str, object]:
+    """Return the same for programs."""
+    steps = [
+        {
+            "name": step.name,
+            "kind": step.kind,
+            "pose_deg": step.pose.angles(),
+            "hold_s": step.hold_s,
+            "duration_s": round(step.duration_s, 2),
+        }
+        for step in plan.steps
+    ]
+    return {"duration_s": plan.duration_s, "steps": steps}
 
 
 def expected_lines(expected: ExpectedUncertainty, warnings: Sequence[str] = ()) -> list[str]:
