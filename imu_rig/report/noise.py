@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -33,7 +35,8 @@ ASYMPTOTES = {
     "walk": ("random walk, slope +1/2", TRUTH, (0, (4, 2, 1, 2))),
     "ramp": ("drift, slope +1", BEFORE, (0, (8, 3))),
 }
-PANEL_HEIGHT, PANEL_GAP, TOP, BOTTOM = 190.0, 26.0, 62.0, 48.0
+PANEL_HEIGHT, PANEL_GAP, BOTTOM = 190.0, 26.0, 48.0
+LEGEND_ROW, LEGEND_COLUMNS = 18.0, 2
 
 
 def noise_report(analysis: NoiseAnalysis, *, title: str = "Noise report") -> str:
@@ -57,11 +60,18 @@ def noise_report(analysis: NoiseAnalysis, *, title: str = "Noise report") -> str
 def allan_figure(axes_of_sensor: tuple[AxisCurve, ...], units: SensorUnits) -> Figure:
     """Allan deviation of three axes with 95 % intervals, the model and its asymptotes."""
     count = len(axes_of_sensor)
-    height = TOP + count * PANEL_HEIGHT + (count - 1) * PANEL_GAP + BOTTOM
+    seen = {
+        kind
+        for axis in axes_of_sensor
+        for kind, found in enumerate(axis.fit.coefficients)
+        if found.value is not None
+    }
+    above = 14.0 + LEGEND_ROW * math.ceil((3 + len(seen)) / LEGEND_COLUMNS)
+    height = above + count * PANEL_HEIGHT + (count - 1) * PANEL_GAP + BOTTOM
     figure = new_figure(height)
     handles: dict[str, Artist] = {}
     for number, (letter, axis) in enumerate(zip("xyz", axes_of_sensor, strict=True)):
-        top = height - TOP - number * (PANEL_HEIGHT + PANEL_GAP)
+        top = height - above - number * (PANEL_HEIGHT + PANEL_GAP)
         axes = panel(figure, 66.0, top - PANEL_HEIGHT, 442.0, PANEL_HEIGHT)
         _draw_axis(axes, axis, units.factor)
         axes.set_ylabel(f"{letter} [{units.unit}]")
@@ -70,7 +80,8 @@ def allan_figure(axes_of_sensor: tuple[AxisCurve, ...], units: SensorUnits) -> F
     axes.set_xlabel("averaging time [s]")
     figure.legend(
         list(handles.values()), list(handles), loc="upper left", bbox_to_anchor=(0.0, 1.0),
-        ncols=2, borderaxespad=0.1, handletextpad=0.5, columnspacing=1.4, handlelength=2.2,
+        ncols=LEGEND_COLUMNS, borderaxespad=0.1, handletextpad=0.5, columnspacing=1.4,
+        handlelength=2.2,
     )  # fmt: skip
     return figure
 
