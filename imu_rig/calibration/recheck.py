@@ -27,6 +27,8 @@ from imu_rig.units import DEG, MILLI_G
 
 OTHER_TEMPERATURE_C = 3.0
 """Difference of the sensor's temperature that is worth a word."""
+NO_KNOWLEDGE = 100.0
+"""Variance of a parameter, SI, that no calibration of a working sensor leaves."""
 UNITS = {
     ("accelerometer", "bias"): (MILLI_G, "mg"),
     ("gyroscope", "bias"): (DEG, "deg/s"),
@@ -89,7 +91,8 @@ def recheck(
     DataError
         No still interval, or samples that are not numbers.
     InputError
-        Gravity of a place that the certificate's scale does not know.
+        Gravity of a place that the certificate's scale does not know, or a certificate that knows
+        nothing.
     """
     if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
         raise DataError("the recording holds values that are not numbers")
@@ -104,6 +107,12 @@ def recheck(
     checks = checks_of(block, spans, names, every, limits, mounting=mounting)
     accel = certificate.accel.affine()
     gyro = None if certificate.gyro is None else certificate.gyro.affine()
+    for sensor in (accel, gyro):
+        if sensor is not None and np.max(np.diag(sensor.covariance)) > NO_KNOWLEDGE:
+            raise InputError(
+                "The certificate's uncertainties are larger than any sensor's errors, so nothing "
+                "can be held against it: calibrate the sensor anew."
+            )
     turns = bool(np.any(np.ptp(block.gyro, axis=0) > 0))
     scatter = Scatter.of(_stages(certificate.accel_errors), _stages(certificate.gyro_errors))
     verification = verify(
