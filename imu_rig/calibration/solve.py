@@ -59,6 +59,11 @@ METHODS: dict[str, Callable[[Session], Outcome]] = {
 DEFAULT_METHOD = "auto"
 """The method that a recording calls for; see `chosen_method`."""
 WARMED_C = 3.0
+RATE_SLIP = 10.0
+"""Factor by which a stated sample rate may be too high so that rests look too short to be any."""
+FEWEST_RESTS = 6
+COPY_ROWS = 16
+"""Neighbouring samples that noise never repeats in all readings."""
 PLAUSIBLE_REST = (0.7, 1.4)
 """What an uncalibrated accelerometer may read at rest, over gravity."""
 
@@ -89,7 +94,8 @@ def solve(
         Begin and end of every still [s] on ``block.t``, settling cut off; found automatically
         where not given.
     method : str
-        A name in `METHODS`, ``"auto"`` for what `chosen_method` takes, or ``"magnetometer"``, which calibrates nothing else.
+        A name in `METHODS`, ``"auto"`` for what `chosen_method` takes, or ``"magnetometer"``,
+        which calibrates nothing else.
     gravity : Gravity or float, optional
         Local gravity, a number in m/s^2; standard gravity by default, which the result states.
     commanded : CommandedPoses, optional
@@ -212,7 +218,7 @@ def _prepare(
     place: IntArray | None = None
     apart = np.zeros(len(block), dtype=bool)
     if windows is None:
-        stills = find_stills(block)
+        stills = _find(block)
     else:
         spans = np.asarray(windows, dtype=float).reshape(-1, 2)
         names = commanded.names if commanded is not None else ()
@@ -244,6 +250,7 @@ def _prepare(
     findings += _saturation(block, stills, names, saturated)
     warnings = [*broken, *(finding.text for finding in findings)]
     usable &= _alive(stills, names, frozen, warnings)
+    usable &= _original(block, stills, names, warnings)
     if gyro_bad.any():
         warnings.append(_gyro_saturation(gyro_bad))
     holes = len(gaps(block.t))
@@ -273,6 +280,30 @@ def _prepare(
         ),
     )
     return session, warnings
+
+
+def _find(block: ImuBlock) -> Stills:
+    """Find the stills, or say that the sample rate is wrong where that explains their lack."""
+    try:
+        stills = find_stills(block)
+    except DataError as error:
+        slower = _stills_if_any(replace(block, t=block.t * RATE_SLIP))
+        if len(slower) < FEWEST_RESTS:
+            raise
+        raise DataError(_at_another_rate(block, len(slower))) from error
+    if len(stills) < FEWEST_RESTS:
+        slower = _stills_if_any(replace(block, t=block.t * RATE_SLIP))
+        if len(slower) >= max(FEWEST_RESTS, 2 * len(stills)):
+            raise DataError(_at_another_rate(block, len(slower)))
+    return stills
+
+
+def _at_another_rate(block: ImuBlock, count: int) -> str:
+    rate = sample_rate(block.t)
+    return (
+        f"with {rate:.4g} samples per second hardly any rest is long enough, but with "
+        f"{rate / RATE_SLIP:.4g} there are {count}: check the sample rate or the unit of time"
+    )
 
 
 def _kept_apart(block: ImuBlock, spans: FloatArray, commanded: CommandedPoses) -> BoolArray:
@@ -344,6 +375,32 @@ def _alive(
     usable = np.ones(len(stills), dtype=bool)
     for i, (start, stop) in enumerate(zip(stills.start, stills.stop, strict=True)):
         usable[i] = not frozen[start:stop].any()
+    return usable
+
+
+def _original(
+    block: ImuBlock, stills: Stills, names: tuple[str, ...], warnings: list[str]
+) -> BoolArray:
+    """Mark stills (m,) that do not repeat an earlier one sample for sample."""
+    readings = np.concatenate((block.accel, block.gyro), axis=1)
+    first = block.accel[:, 0]
+    usable = np.ones(len(stills), dtype=bool)
+    half = COPY_ROWS // 2
+    for i in range(1, len(stills)):
+        middle = int(stills.start[i] + stills.stop[i]) // 2
+        near = readings[max(0, middle - half) : middle + half]
+        if len(near) < COPY_ROWS or not np.all(np.ptp(near[:, :3], axis=0) > 0):
+            continue
+        alike = np.flatnonzero(first[half : stills.start[i]] == first[middle]) + half
+        alike = alike[np.all(readings[alike] == readings[middle], axis=1)]
+        usable[i] = not any(np.array_equal(readings[k - half : k + half], near) for k in alike)
+    copies = [names[i] for i in np.flatnonzero(~usable)]
+    if copies:
+        also = f" and {len(copies) - 1} more repeat earlier poses" if len(copies) > 1 else ""
+        warnings.append(
+            f"{copies[0]}{also or ' repeats an earlier pose'} sample for sample: the recording "
+            "holds copies of itself, which count once."
+        )
     return usable
 
 

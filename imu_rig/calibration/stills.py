@@ -14,7 +14,7 @@ from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.mean_noise import mean_covariances, mean_variances, slow_terms
 from imu_rig.errors import DataError, InputError
-from imu_rig.units import DEG, MILLI_G
+from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
 WINDOW_S = 0.4
 """Length of the sliding window whose scatter and mean decide. The row in its middle is judged, so
@@ -153,12 +153,18 @@ def find_stills(
     width = max(8, round(window_s * rate))
     if len(block) < 2 * width:
         raise DataError(f"the recording is shorter than {2 * window_s:g} s, too short for a still")
-    a_var = _sliding(block.accel, width)[1]
+    a_mean, a_var = _sliding(block.accel, width)
     g_mean, g_var = _sliding(block.gyro, width)
     quiet = _unbroken(np.flatnonzero(frozen_rows(block)), len(block), width)
     a_floor = _noise_floor(a_var[quiet], LEAST_ACCEL_NOISE)
     g_floor = _noise_floor(g_var[quiet], LEAST_GYRO_NOISE)
     if np.sqrt(a_floor) > NEVER_STILL:
+        reads = float(np.median(np.linalg.norm(a_mean[a_var < 4.0 * a_floor], axis=1)))
+        if reads > 3.0 * STANDARD_GRAVITY:
+            raise DataError(
+                f"in its quietest moments the accelerometer reads {reads:.4g} m/s^2, but gravity "
+                f"is {STANDARD_GRAVITY:.2f}: its unit or range setting is wrong"
+            )
         raise DataError(
             "the sensor was never held still: even in its quietest moments the accelerometer "
             f"scatters by {np.sqrt(a_floor) / MILLI_G:.0f} mg; hold it still for a second or two "

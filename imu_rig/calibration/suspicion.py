@@ -21,7 +21,7 @@ SATURATED_SHARE = 0.05
 """Part of a still's samples at the range limit beyond which its mean is worthless."""
 MOVED = 8.0
 """Drift within a still, in its own standard errors, that means it moved."""
-FACTORS = (0.5, 2.0, 0.25, 4.0, 1.0 / DEG, DEG)
+FACTORS = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1.0 / DEG, DEG)
 
 
 def at_limit(x: FloatArray, limit: float | None = None) -> BoolArray:

@@ -45,7 +45,7 @@ REST_AGREES = 1.25
 REST_CONTRADICTS = 1.6
 CLEARER = 2.0
 """How much better than the next a guess of the gyroscope's unit must explain gravity."""
-RATE_FACTORS = (0.5, 2.0, 0.25, 4.0)
+RATE_FACTORS = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0)
 JUDGED_ROWS = 300_000
 QUIET_SHARE = 0.1
 
