@@ -34,6 +34,8 @@ QUASI_STATIC = 0.1
 """Largest difference of the specific force from gravity, over gravity, at which it shows up."""
 FIELD_RANGE_UT = (5.0, 500.0)
 """Magnitudes of a field that somebody may state."""
+POSSIBLE_UT = (0.05, 1e5)
+"""Largest readings that any magnetometer may show, whatever its unit of the field may be."""
 USUAL_FIELD_UT = (15.0, 100.0)
 """Magnitudes that a magnetometer near no iron may read, scale errors included."""
 GAIN_RANGE = (0.25, 4.0)
@@ -45,6 +47,8 @@ DISTURBED = 2.5
 WILD_PERCENT = 1.0
 LARGE_RESIDUAL = 0.03
 """The same of single samples, over the field."""
+NO_FIELD = 0.15
+"""Left-out error of the magnitude, over the field, at which no field can be told."""
 DRIFTED, SURE = 0.003, 4.0
 """Change of the magnitude over the recording, over the field and in standard errors."""
 WIDE_GAP = 75.0 * DEG
@@ -225,6 +229,12 @@ def _readings(block: ImuBlock, field_ut: float | None) -> FloatArray:
     dead = [a for a, spread in zip(AXES, np.ptp(block.mag, axis=0), strict=True) if spread == 0]
     if dead:
         raise DataError(f"its axis {dead[0]} never changes: it is dead, or was not turned")
+    largest = float(np.max(np.abs(block.mag)))
+    if not POSSIBLE_UT[0] < largest < POSSIBLE_UT[1]:
+        raise DataError(
+            f"it reads up to {largest:.3g} uT, which no magnetometer does near the Earth: its unit "
+            "is wrong"
+        )
     return block.mag
 
 
@@ -245,6 +255,12 @@ def _result(
     *,
     on_jig: bool,
 ) -> MagResult:
+    off = _rms(fit.left_out[fit.used])
+    if off > NO_FIELD:
+        raise DataError(
+            f"its readings do not fit one constant field (off by {100 * off:.0f} %): a magnet or "
+            "currents near it, a wrong column, or a range that is too small"
+        )
     affine, alignment, dip_u = fit.affine, _alignment(readings, fit), fit.dip_u
     warnings = [*warnings, *_unit_warnings(fit, field_ut)]
     calibrated = affine.apply(readings.raw)

@@ -268,6 +268,9 @@ def test_outliers_may_not_be_more_than_a_few():
         (lambda mag: mag * [1.0, 1.0, 0.0], "axis z never changes"),
         (lambda mag: mag * [1.0, 1.0, 0.001], "in a plane"),
         (lambda mag: np.ones_like(mag) + 1e-13 * mag, "never change"),
+        (lambda mag: mag * 1e200, "its unit is wrong"),
+        (lambda mag: mag * 1e-9, "its unit is wrong"),
+        (lambda mag: 90 * np.sin(1e5 * mag) * [1.0, 0.9, 1.1], "one constant field"),
     ],
 )
 def test_readings_that_determine_nothing_are_refused_in_one_sentence(spoil, words):
