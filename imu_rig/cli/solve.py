@@ -34,6 +34,7 @@ from imu_rig.cli.options import (
     gravity_from,
 )
 from imu_rig.cli.recordings import TableOptions, digest_of, open_if_trial
+from imu_rig.cli.working import Working
 
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
@@ -73,6 +74,8 @@ def solve(
 ) -> None:
     """Calibrate from a recording: a jig session, or a sensor held still and turned by hand."""
     from imu_rig.calibration.certificate import certificate_of
+    from imu_rig.calibration.result import DeviceInfo
+    from imu_rig.calibration.solve import solve as solve_block
     from imu_rig.cli import sessions
 
     local_gravity = gravity_from(gravity, latitude, height)
@@ -81,14 +84,25 @@ def solve(
     )
     beside = KnownOptions(parts, turn_angle, rates)
     beside.check(method)
-    trial = open_if_trial(file, table)
-    if trial is not None:
-        result = _solve_trial(trial, method, local_gravity, field, beside)
-        digest = trial.sha256
-    else:
-        result, digest = _solve_table(
-            file, table, method, local_gravity, field, name, serial, beside
-        )
+    with Working(f"Reading {file.name}") as working:
+        trial = open_if_trial(file, table)
+        if trial is not None:
+            working.now("Solving")
+            result = _solve_trial(trial, method, local_gravity, field, beside)
+            digest = trial.sha256
+        else:
+            block, known = read_with_facts(file, table.column_map(), method, beside)
+            working.now(f"Solving {len(block)} samples")
+            device = DeviceInfo(name=name or file.stem, serial=serial)
+            result = solve_block(
+                block,
+                method=method,
+                gravity=local_gravity,
+                device=device,
+                field_ut=field,
+                known=known,
+            )
+            digest = digest_of(file)
     certificate = certificate_of(result, recording=(file.name, digest))
     files: dict[str, str] = {}
     if output is not None:
@@ -120,24 +134,3 @@ def _solve_trial(
         device=DeviceInfo(name=sensor),
         known=beside.facts(block),
     )
-
-
-def _solve_table(
-    file: Path,
-    table: TableOptions,
-    method: str,
-    gravity: Gravity,
-    field: float | None,
-    name: str,
-    serial: str,
-    beside: KnownOptions,
-) -> tuple[CalibrationResult, str]:
-    from imu_rig.calibration.result import DeviceInfo
-    from imu_rig.calibration.solve import solve as solve_block
-
-    block, known = read_with_facts(file, table.column_map(), method, beside)
-    device = DeviceInfo(name=name or file.stem, serial=serial)
-    result = solve_block(
-        block, method=method, gravity=gravity, field_ut=field, device=device, known=known
-    )
-    return result, digest_of(file)
