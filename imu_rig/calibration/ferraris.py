@@ -155,7 +155,7 @@ def _solve_gyro(
         before=errors_before(moves, stills, track),
         after=after,
         held_out=np.where(np.isin(moves.first, turns.first), np.nan, after),
-        sigma=np.sqrt(where.variance),
+        sigma=np.sqrt(where.variance + _by_gain(affine, _integrals(moves, track))),
     )
 
 
@@ -235,11 +235,7 @@ def _found_turns(
     up = up / np.linalg.norm(up, axis=1, keepdims=True)
     same = np.sum(up[moves.first] * up[moves.last], axis=1) > np.cos(SAME_ATTITUDE)
     same &= axis[moves.first] == axis[moves.last]
-    low, high = track.at_stills[moves.first], track.at_stills[moves.last]
-    total = np.zeros((len(moves), 3))
-    move = np.repeat(np.arange(len(moves)), moves.length)
-    np.add.at(total, move, moves.rate * moves.dt[:, None])
-    integral = total - 0.5 * (low + high) * moves.duration[:, None]
+    integral = _integrals(moves, track)
     keep = same & (np.linalg.norm(integral, axis=1) > LEAST_TURN)
     raw = session.stills.accel_mean
     turns = _Turns(
@@ -254,6 +250,21 @@ def _found_turns(
     whole = (ratio < WHOLE) & (ratio > 1.0 / WHOLE)
     better = np.array([bool(np.any(whole & (turns.axis == k))) for k in range(3)])
     return turns.only(whole | ~better[turns.axis])
+
+
+def _integrals(moves: Moves, track: BiasTrack) -> FloatArray:
+    """Integral (n, 3) of the raw rate less bias over every move [rad]."""
+    low, high = track.at_stills[moves.first], track.at_stills[moves.last]
+    total = np.zeros((len(moves), 3))
+    move = np.repeat(np.arange(len(moves)), moves.length)
+    np.add.at(total, move, moves.rate * moves.dt[:, None])
+    return np.asarray(total - 0.5 * (low + high) * moves.duration[:, None])
+
+
+def _by_gain(affine: Affine, integral: FloatArray) -> FloatArray:
+    """Variance (n,) per axis that an uncertain gain leaves in a move [rad^2]."""
+    C = affine.covariance[:9, :9].reshape(3, 3, 3, 3)
+    return np.asarray(np.einsum("ijik,nj,nk->n", C, integral, integral) / 3.0)
 
 
 def _refuse_partial(turns: _Turns, angle: float) -> None:

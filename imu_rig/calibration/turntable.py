@@ -209,7 +209,7 @@ def _accelerometer(session: Session) -> tuple[AccelOutcome, list[str]]:
     sigma = np.full(len(stills), np.nan)
     spread = np.diag([SHEET_GAIN**2] * 9 + [SHEET_BIAS**2] * 3)
     spread[[3, 6, 7], [3, 6, 7]] = 0.0
-    nominal = Affine(np.eye(3), np.zeros(3), spread, dof=PRIOR_DOF)
+    nominal = Affine(np.eye(3), np.zeros(3), spread)
     text = (
         "The accelerometer was not calibrated: its gain and bias are the nominal ones with the "
         f"uncertainty of a data sheet ({100 * SHEET_GAIN:g} %, {SHEET_BIAS / MILLI_G:.0f} mg)."
