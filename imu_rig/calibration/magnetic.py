@@ -132,6 +132,7 @@ def calibrate_from_stills(
         sem=np.sqrt(variance + LEAST_NOISE_UT**2 / samples[:, None]),
         up=up / np.linalg.norm(up, axis=1, keepdims=True),
         attitudes=None if attitudes is None else attitudes[usable],
+        up_errors=_up_errors(stills.accel_mean[usable], accel),
     )
     fit = fit_field(readings, field_ut)
     names = tuple(name for name, keep in zip(names, usable, strict=True) if keep)
@@ -214,6 +215,18 @@ def calibrate_from_samples(
             "it, or the sensor was moved about instead of turned on the spot."
         )
     return _result(readings, fit, t, warnings, field_ut, on_jig=False)
+
+
+def _up_errors(raw: FloatArray, accel: Affine) -> FloatArray | None:
+    """One standard deviation (k, n, 3) of up along each way in which ``accel`` is uncertain."""
+    variance, ways = np.linalg.eigh(accel.covariance)
+    size = np.linalg.norm(accel.apply(raw), axis=1, keepdims=True)
+    modes = [
+        np.sqrt(v) * (raw @ way[:9].reshape(3, 3).T - way[9:]) / size
+        for v, way in zip(variance, ways.T, strict=True)
+        if v > 1e-12 * max(float(variance[-1]), 1e-300)
+    ]
+    return np.array(modes) if modes else None
 
 
 def _readings(block: ImuBlock, field_ut: float | None) -> FloatArray:

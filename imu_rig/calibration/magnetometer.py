@@ -74,6 +74,9 @@ class FieldReadings:
     cluster : shape (n,) or None
         Number of the stretch of time each sample belongs to, from 0; errors within one are not
         independent. None for still means, whose ``sem`` is trusted.
+    up_errors : shape (k, n, 3) or None
+        Errors of one standard deviation each that all of ``up`` have in common, as those of the
+        accelerometer's calibration.
     """
 
     raw: FloatArray
@@ -81,6 +84,7 @@ class FieldReadings:
     up: FloatArray | None = None
     attitudes: FloatArray | None = None
     cluster: IntArray | None = None
+    up_errors: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of readings."""
@@ -93,8 +97,9 @@ class FieldReadings:
             return None if x is None else x[keep]
 
         cluster = None if self.cluster is None else self.cluster[keep]
+        common = None if self.up_errors is None else self.up_errors[:, keep]
         return FieldReadings(
-            self.raw[keep], self.sem[keep], kept(self.up), kept(self.attitudes), cluster
+            self.raw[keep], self.sem[keep], kept(self.up), kept(self.attitudes), cluster, common
         )
 
 
@@ -454,6 +459,7 @@ def _fit_of(
     cluster = np.arange(used.sum()) if unit.cluster is None else unit.cluster[used]
     omissions = _omissions(solved, cluster)
     C, dof = _covariance(solved, omissions, by_law=unit.cluster is None)
+    C = C + _common_errors(solved, unit.only(used))
     p = solved.p
     has_dip = bool(np.any(solved.rows.kind == DIP))
     gain = field / radius
@@ -521,6 +527,21 @@ def _covariance(
     # What no sample determines no omission changes either: there the prior's own width stands.
     C = (count - 1) / count * moved.T @ moved + reach @ np.diag(solved.prior) @ reach
     return np.asarray(C), float(count - 1)
+
+
+def _common_errors(solved: _Solved, readings: FieldReadings) -> FloatArray:
+    """Covariance (14, 14) that errors common to all directions up add."""
+    C = np.zeros((UNKNOWNS, UNKNOWNS))
+    if readings.up_errors is None or readings.up is None:
+        return C
+    J, sigma = solved.weighted[1], solved.rows.sigma * solved.scale[solved.rows.kind]
+    weight = np.sqrt(solved.weight) / sigma
+    reach = np.linalg.inv(solved.normal) @ J.T
+    for error in readings.up_errors:
+        other = _rows(solved.p, replace(readings, up=readings.up + error))
+        shift = reach @ (weight * (other.residual - solved.rows.residual))
+        C += np.outer(shift, shift)
+    return C
 
 
 def _without_rotation(affine: Affine) -> Affine:

@@ -146,6 +146,19 @@ def test_a_turned_sensor_gives_the_same_calibration_turned():
     assert np.isclose(turned.alignment_u, plain.alignment_u, rtol=1e-3)
 
 
+def test_an_uncertain_accelerometer_makes_the_axes_uncertain():
+    rng = np.random.default_rng(21)
+    block, stills = session(jig_matrices(pose_list(8)), Compass.random(rng), rng)
+    found = []
+    for lean in (0.0, 0.002):
+        C = np.zeros((12, 12))
+        C[1, 1] = C[2, 2] = C[5, 5] = lean**2
+        accel = Affine(np.eye(3), np.zeros(3), C)
+        found.append(calibrate_from_stills(block, stills, ("p",) * 24, accel).alignment_u)
+    # An axis that leans by 2 mrad turns "up" by about as much, less what many poses average.
+    assert np.sqrt(found[1] ** 2 - found[0] ** 2) == pytest.approx(0.0015, abs=0.0009)
+
+
 def test_without_a_stated_field_only_the_scale_is_relative():
     rng = np.random.default_rng(8)
     compass = Compass.random(rng)
