@@ -251,7 +251,7 @@ def expected_uncertainty(design: Design, *, angles_known: bool = True) -> Expect
         sigma = prior.sigma.copy()
         sigma[NONLINEARITY] = 0.0
         # A free rotation of every pose takes the angles out of the model.
-        prior = replace(prior, sigma=sigma, wobble=FREE)
+        prior = replace(prior, sigma=sigma, wobble=np.full(len(data), FREE))
     fit = predict(data, prior)
     gyro = gyro_model(fit)
     accel = line_over_one_g(fit if angles_known else predict(replace(data, has_gyro=False), prior))

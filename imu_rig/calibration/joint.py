@@ -20,9 +20,9 @@ from imu_rig.calibration.direction import (
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gyro_bias import track_bias
 from imu_rig.calibration.joint_data import joint_data
-from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults
+from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults, locked
 from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, start
-from imu_rig.calibration.joint_model import G_SENSITIVITY, attitudes, offsets
+from imu_rig.calibration.joint_model import G_SENSITIVITY, Prior, attitudes, offsets
 from imu_rig.calibration.joint_result import (
     gain_at_zero,
     gyro_model,
@@ -106,19 +106,18 @@ def _solve(
     usable = labels.usable
     names = tuple(name for name, keep in zip(names, usable, strict=True) if keep)
     data = replace(data, angles=labels.angles).only(usable)
-    free = fit_joint(
-        data,
-        default_prior(data, servo=DISTRUST),
-        start(data, radial.affine),
-        components=False,
-    )
+    free = fit_joint(data, _distrust(data), start(data, radial.affine), components=False)
     faults = find_jig_faults(free, names)
     place = np.flatnonzero(usable)
     findings += [replace(f, poses=tuple(int(place[i]) for i in f.poses)) for f in faults.findings]
     begin = replace(free.state, deviation=free.state.deviation - (faults.angles - data.angles))
     data = replace(data, angles=faults.angles)
     prior = default_prior(data)
-    prior = replace(prior, servo=np.where(faults.distrusted[:, None], NO_TRUST, prior.servo))
+    prior = replace(
+        prior,
+        servo=np.where(faults.distrusted[:, None], NO_TRUST, prior.servo),
+        wobble=np.where(faults.distrusted, NO_TRUST, prior.wobble),
+    )
     fit = fit_joint(data, prior, begin)
     if g_sensitivity_shows(fit):
         prior = with_g_sensitivity(prior)
@@ -131,6 +130,15 @@ def _solve(
         findings.append(drift_finding(fit))
     findings += nonlinearity_findings(fit)
     return _Solved(fit, usable, tuple(findings), session)
+
+
+def _distrust(data: JointData) -> Prior:
+    """Assumptions that give every pose the freedom to stand where gravity and gyroscope put it.
+
+    Where pan and roll share an axis, servos alone could not put it there.
+    """
+    prior = default_prior(data, servo=DISTRUST)
+    return replace(prior, wobble=np.where(locked(data), DISTRUST, prior.wobble))
 
 
 def _without_g_sensitivity(

@@ -24,7 +24,7 @@ DISTRUST = 6.0 * DEG
 """Standard deviation of a servo's angle while faults are looked for [rad]."""
 FAR_OFF = 12.0 * DEG
 """Angle between gravity and its label beyond anything a servo does."""
-OTHER_LABEL = 6.0 * DEG
+OTHER_LABEL = 10.0 * DEG
 """Angle within which gravity fits the label of another pose."""
 AXES = ("pan", "tilt", "roll")
 LOCKED = 0.3
@@ -39,10 +39,10 @@ SLIP_GAIN = 20.0
 MOST_STEPS = 5
 NORMAL_MEDIAN = 0.6745
 SMALLEST_SLIP = 1.5 * DEG
-BUMP_SIGMAS = 5.0
-"""Deviation of a pose, in the typical one per axis, that no servo makes once in ten thousand poses
+BUMP_SIGMAS = 4.5
+"""Deviation of a pose, in the typical one per axis, that no servo makes once in five thousand poses
 (chi with three degrees of freedom)."""
-SMALLEST_BUMP = 3.5 * DEG
+SMALLEST_BUMP = 3.2 * DEG
 """What the dead band of a winch servo can do to a pose without being a fault [rad]."""
 CHI3_MEDIAN = 1.538
 
@@ -158,7 +158,7 @@ def find_jig_faults(fit: JointFit, names: Sequence[str]) -> JigFaults:
     """Look for slips and bumps in a fit that gave the servos the freedom of `DISTRUST`."""
     data, p = fit.data, fit.state.common
     angles = data.angles.copy()
-    free = np.abs(np.cos(data.angles[:, 1])) > LOCKED
+    free = ~locked(data)
     findings: list[Finding] = []
     lines = np.zeros((len(data), 3))
     for axis, name in enumerate(AXES):
@@ -170,6 +170,7 @@ def find_jig_faults(fit: JointFit, names: Sequence[str]) -> JigFaults:
         lines[:, axis] = line
         if step is None:
             continue
+        at = _slipped_from(fit, lines, axis, step, at, free)
         angles[at:, axis] += step
         lines[at:, axis] += step
         text = (
@@ -196,6 +197,25 @@ def find_jig_faults(fit: JointFit, names: Sequence[str]) -> JigFaults:
         )
         findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
     return JigFaults(angles, bumped, tuple(findings))
+
+
+def _slipped_from(
+    fit: JointFit, lines: FloatArray, axis: int, step: float, at: int, free: BoolArray
+) -> int:
+    """First pose that stands where the slip puts it, counting in those that could not be judged."""
+    while at > 1 and not free[at - 1]:
+        after = lines.copy()
+        after[at - 1, axis] += step
+        seen = fit.attitudes().A[at - 1]
+        if _turn(seen, _on_line(fit, after)[at - 1]) > _turn(seen, _on_line(fit, lines)[at - 1]):
+            break
+        at -= 1
+    return at
+
+
+def locked(data: JointData) -> BoolArray:
+    """Poses (m,) in which pan and roll turn about nearly the same axis."""
+    return np.asarray(np.abs(np.cos(data.angles[:, 1])) < LOCKED)
 
 
 def _on_line(fit: JointFit, lines: FloatArray) -> FloatArray:

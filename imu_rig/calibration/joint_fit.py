@@ -143,7 +143,7 @@ def default_prior(data: JointData, *, servo: float = SERVO) -> Prior:
         sigma=sigma,
         mounting=MOUNTING_SIGMA,
         servo=np.full((len(data), 3), servo),
-        wobble=WOBBLE,
+        wobble=np.full(len(data), WOBBLE),
         walk=BIAS_WALK,
     )
 

@@ -254,8 +254,8 @@ class Prior:
         Of each mounting's rotation [rad].
     servo : shape (m, 3)
         Of the servos' deviations [rad]; a large one distrusts that pose's label.
-    wobble : float
-        [rad].
+    wobble : shape (m,)
+        Of each pose's wobble, per axis [rad].
     walk : float
         Random walk of the gyroscope's bias [rad/s per sqrt(s)].
     """
@@ -263,7 +263,7 @@ class Prior:
     sigma: FloatArray
     mounting: float
     servo: FloatArray
-    wobble: float
+    wobble: FloatArray
     walk: float
 
 
@@ -373,7 +373,7 @@ def _latent_rows(state: JointState, prior: Prior, places: Places) -> list[System
         blocks.append(System(state.deviation[:, axis], J, prior.servo[:, axis], kind))
     J = np.zeros((3 * m, places.count))
     J[np.arange(3 * m), places.wobble.start + np.arange(3 * m)] = 1.0
-    sigma = np.full(3 * m, prior.wobble)
+    sigma = np.repeat(prior.wobble, 3)
     blocks.append(System(state.wobble.ravel(), J, sigma, np.full(3 * m, ROWS_OF["wobble"])))
     return blocks
 

@@ -122,12 +122,16 @@ def jig_estimate(fit: JointFit) -> JigEstimate:
     def one(place: int) -> Estimate:
         return Estimate(p[[place]], sigma[[place]])
 
-    axis = np.swapaxes(fit.data.mountings @ fit.state.mounting, 1, 2)[:, :, 0]
+    skewed = rotation.about_z(p[ROLL_SKEW])
+    to_sensor = np.swapaxes(fit.data.mountings @ fit.state.mounting, 1, 2)
+    axis = to_sensor @ skewed[:, 0]
     axis_sigma = np.empty((k, 3))
     for i in range(k):
         first = fit.places.mounting.start + 3 * i
-        C = fit.covariance[first : first + 3, first : first + 3]
-        lever = rotation.skew(axis[i])
+        columns = np.r_[first : first + 3, ROLL_SKEW]
+        # The roll axis leans by its skew on the plate, which is the y axis' direction there.
+        lever = np.column_stack((rotation.skew(axis[i]), to_sensor[i] @ skewed[:, 1]))
+        C = fit.covariance[np.ix_(columns, columns)]
         axis_sigma[i] = np.sqrt(np.diag(lever @ C @ lever.T))
     return JigEstimate(
         servo_gain=Estimate(p[SERVO_GAIN], sigma[SERVO_GAIN]),
@@ -139,7 +143,7 @@ def jig_estimate(fit: JointFit) -> JigEstimate:
         roll_axis=Estimate(axis, axis_sigma),
         level=_level(fit, repeatability),
         repeatability=repeatability,
-        wobble=fit.scales["wobble"] * fit.prior.wobble,
+        wobble=_wobble(fit),
     )
 
 
@@ -161,8 +165,11 @@ def _level(fit: JointFit, repeatability: FloatArray) -> Estimate:
     C = np.zeros((8, 8))
     C[:6, :6] = fit.covariance[np.ix_(columns, columns)]
     C[6, 6], C[7, 7] = repeatability[1] ** 2, repeatability[2] ** 2
-    wobble = (fit.scales["wobble"] * fit.prior.wobble) ** 2
-    return Estimate(lean(np.zeros(8)), np.sqrt(np.diag(J @ C @ J.T) + wobble))
+    return Estimate(lean(np.zeros(8)), np.sqrt(np.diag(J @ C @ J.T) + _wobble(fit) ** 2))
+
+
+def _wobble(fit: JointFit) -> float:
+    return fit.scales["wobble"] * float(np.min(fit.prior.wobble))
 
 
 @dataclass(frozen=True, eq=False)
