@@ -19,7 +19,7 @@ from imu_rig.calibration.direction import (
 )
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gyro_bias import track_bias
-from imu_rig.calibration.joint_data import joint_data
+from imu_rig.calibration.joint_data import JointData, joint_data
 from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults, locked
 from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, start
 from imu_rig.calibration.joint_model import G_SENSITIVITY, Prior, attitudes, offsets
