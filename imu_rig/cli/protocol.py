@@ -151,6 +151,8 @@ def plan(
         raise InputError("A reach must be a number of degrees, zero or more.")
     if not (math.isfinite(time) and 0 < time <= 7200):
         raise InputError("--time must be between 0 and 7200 seconds.")
+    if not (name.isprintable() and 0 < len(name) <= 80):
+        raise InputError("--name must be 1 to 80 printable characters.")
     config = _jig(jig)
     task = Task.on(config, time, reach=limits, mountings=mountings, gyro_only=gyro_only, name=name)
     found = design_protocol(task, search=search, progress=_progress(quiet))

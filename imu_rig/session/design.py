@@ -27,6 +27,8 @@ SHORTEST_HOLD_S, LONGEST_HOLD_S = 0.8, 4.0
 """Below, settling eats the hold; above, more poses tell more than longer ones."""
 LIKELY_HOLDS_S = (0.8, 1.2, 1.6, 2.0, 2.5, 3.2)
 MOST_POSES = 48
+LEAST_TURN = 15.0
+"""A search keeps neighbouring poses this far apart in some axis [deg]."""
 SNAP = 5.0
 """Angles of a searched list are multiples of it [deg]."""
 ACCEL_GOAL = (0.02e-2, 0.1e-3, 0.08 * MILLI_G)
@@ -288,7 +290,7 @@ def _search(
     for step in range(steps):
         warmth = WARM * (COLD / WARM) ** (step / max(1, steps - 1))
         tried = _changed(task, stops, rng)
-        found = _score(task, tried)
+        found = _score(task, tried) if _apart(tried) else None
         if found is not None and found < score * (1.0 + warmth * rng.exponential()):
             stops, score = tried, found
             if score < best_score:
@@ -321,6 +323,13 @@ def _changed(task: Task, stops: list[Stop], rng: np.random.Generator) -> list[St
         angles[place] = min(max(SNAP * round(shifted / SNAP), low), high)
     changed[i] = Stop((angles[0], angles[1], angles[2]), stops[i].mounting)
     return changed
+
+
+def _apart(stops: Sequence[Stop]) -> bool:
+    """Whether something turns between any two neighbours."""
+    angles = np.array([stop.angles for stop in stops])
+    turned_over = np.diff([stop.mounting for stop in stops]) != 0
+    return bool(np.all((np.abs(np.diff(angles, axis=0)).max(axis=1) >= LEAST_TURN) | turned_over))
 
 
 def _score(task: Task, stops: list[Stop]) -> float | None:

@@ -112,7 +112,8 @@ def _legs(stages: Sequence[Stage], jig: JigConfig, pause_s: float) -> list[Leg]:
     legs = []
     for number, stage in enumerate(stages):
         start, end = _angles(stage.start), _angles(stage.end)
-        legs.append(Leg(start, end, travel_time(jig, stage)))
+        # A turn by less than a pulse takes no time at all.
+        legs.append(Leg(start, end, max(travel_time(jig, stage), 1e-3)))
         rest = ARRIVAL_S + (pause_s if number < len(stages) - 1 else 0.0)
         legs.append(Leg(end, end, rest))
     return legs
