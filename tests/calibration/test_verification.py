@@ -37,7 +37,14 @@ def calibrated(
         mounting=mounting,
         mounting_turns=((0.0, 0.0, 0.0),) * (max(mounting) + 1) if mounting else (),
     )
-    return solve(recording.block, recording.holds, commanded=commanded, gravity=GRAVITY, **options)
+    return solve(
+        recording.block,
+        recording.holds,
+        commanded=commanded,
+        gravity=GRAVITY,
+        method="multi-position",
+        **options,
+    )
 
 
 def verified(recording: Recording, **options: object) -> Verification:
