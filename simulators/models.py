@@ -164,7 +164,8 @@ class SensorModel(Model):
     mag_offset : uT
         Hard iron; the soft iron is in ``mag_gain``. In the accelerometer's axes.
     accel_noise_ug, gyro_noise_dps : float
-        White noise per root hertz; one sample has this times the root of the sample rate.
+        White noise per root hertz as data sheets state it, one-sided: the converter averages over
+        each sample interval, so one sample has this times the root of half the sample rate.
     mag_noise_ut : float
         Standard deviation of one sample.
     accel_walk_mg, gyro_walk_dps : float

@@ -152,11 +152,13 @@ class Mpu9150:
         offsets = walks + self._offsets + cold * self._offsets_per_c
         self._remember(means.t, offsets)
         accel = _turned(self._accel_sensitivity, gained + offsets[:, :3])
-        accel += noise[:, :3] * (model.accel_noise_ug * 1e-6 * STANDARD_GRAVITY) / np.sqrt(duration)
+        # A one-sided density d gives the mean over a time T the variance d^2 / (2 T).
+        band = 1.0 / np.sqrt(2.0 * duration)
+        accel += noise[:, :3] * (model.accel_noise_ug * 1e-6 * STANDARD_GRAVITY) * band
 
         rate = means.rate + _turned(self._g_sensitivity, force)
         gyro = _turned(self._gyro_sensitivity, rate + offsets[:, 3:])
-        gyro += noise[:, 3:6] * (model.gyro_noise_dps * DEG) / np.sqrt(duration)
+        gyro += noise[:, 3:6] * (model.gyro_noise_dps * DEG) * band
 
         mag = _turned(self._mag_sensitivity, means.field + np.array(model.mag_offset))
         mag += noise[:, 6:9] * model.mag_noise_ut

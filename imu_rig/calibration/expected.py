@@ -24,7 +24,8 @@ from imu_rig.calibration.session import CommandedTurn
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
 ACCEL_DENSITY = 0.4 * MILLI_G
-"""White noise of an MPU-9150's accelerometer by its data sheet [m/s^2/sqrt(Hz)]."""
+"""White noise of an MPU-9150's accelerometer by its data sheet, one-sided [m/s^2/sqrt(Hz)]: the
+mean over a time T has the variance ``density^2 / (2 T)``."""
 GYRO_DENSITY = 0.005 * DEG
 """White noise of its gyroscope [rad/s/sqrt(Hz)]."""
 ACCEL_FLICKER = 0.05 * MILLI_G
@@ -116,11 +117,11 @@ class Design:
             mountings=rotation.to_matrix(self._mounted()),
             t=self.begin + self.settle + 0.5 * still,
             accel=force,
-            accel_sigma=np.hypot(ACCEL_DENSITY / np.sqrt(still), ACCEL_FLICKER),
+            accel_sigma=np.hypot(ACCEL_DENSITY / np.sqrt(2.0 * still), ACCEL_FLICKER),
             gyro=np.zeros((len(self), 3)),
-            gyro_sigma=np.repeat((GYRO_DENSITY / np.sqrt(still))[:, None], 3, axis=1),
+            gyro_sigma=np.repeat((GYRO_DENSITY / np.sqrt(2.0 * still))[:, None], 3, axis=1),
             moves=moves,
-            move_sigma=GYRO_DENSITY * np.sqrt(moves.duration),
+            move_sigma=GYRO_DENSITY * np.sqrt(moves.duration / 2.0),
             gravity=STANDARD_GRAVITY,
             earth_mean=earth_mean,
             earth_sigma=earth_sigma,

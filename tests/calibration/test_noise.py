@@ -172,7 +172,8 @@ def test_the_simulated_sensor_has_the_noise_of_its_budget() -> None:
         for name, values in (("accel", block.accel[:, 0]), ("gyro", block.gyro[:, 0]))
     }
     for name, density in (("accel", 400 * MICRO_G), ("gyro", 0.005 * DEG)):
-        truth = np.hypot(density, counts[name] * np.sqrt(period / 12.0))
+        # the sheet's density is one-sided, sqrt(2) times the random walk coefficient
+        truth = np.hypot(density / np.sqrt(2.0), counts[name] * np.sqrt(period / 12.0))
         sensor = getattr(model, name)
         for axis in sensor:
             assert abs(axis.white.value - truth) < 4.5 * axis.white.standard_uncertainty

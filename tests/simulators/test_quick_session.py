@@ -170,7 +170,8 @@ def test_the_noise_of_a_still_is_that_of_the_data_sheet():
         (session.block.gyro @ session.truth.gyro.K.T, 0.005 * DEG),
     ):
         spread = [np.std(np.diff(readings[rows], axis=0), axis=0) for rows in settled]
-        assert np.sqrt(np.mean(np.square(spread)) / 2.0) == pytest.approx(density * 10.0, rel=0.05)
+        of_sample = density * np.sqrt(100.0 / 2.0)  # one-sided density, 100 samples a second
+        assert np.sqrt(np.mean(np.square(spread)) / 2.0) == pytest.approx(of_sample, rel=0.05)
 
 
 def test_the_same_seed_gives_the_same_session_and_another_another():
