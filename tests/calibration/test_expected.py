@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from imu_rig.calibration.expected import (
+    ACCEL_DENSITY,
     GYRO_DENSITY,
     Design,
     ExpectedUncertainty,
@@ -16,7 +17,7 @@ from imu_rig.calibration.expected import (
 from imu_rig.calibration.expected_paper import expected_of_paper
 from imu_rig.calibration.joint_data import JointData
 from imu_rig.calibration.joint_fit import default_prior, fit_joint, predict, start
-from imu_rig.calibration.joint_model import NONLINEARITY, Prior
+from imu_rig.calibration.joint_model import ACCEL_OFFSET, NONLINEARITY, Prior
 from imu_rig.calibration.joint_result import gyro_model, line_over_one_g
 from imu_rig.calibration.magnitude import fit_magnitude
 from imu_rig.calibration.model import Affine, physical_figures
@@ -90,16 +91,18 @@ def figures(accel: Affine, gyro: Affine) -> np.ndarray:
 @pytest.mark.parametrize(
     ("rolls", "study"),
     [
-        (6, (0.0112, 0.165, 0.064, 0.0118, 0.139)),
         (8, (0.0098, 0.133, 0.055, 0.0096, 0.111)),
         (10, (0.0084, 0.120, 0.049, 0.0091, 0.098)),
     ],
 )
 def test_the_studied_lists_are_expected_to_be_as_good_as_the_study_found(rolls, study) -> None:
     data = design(ring(rolls)).data()
+    # The study's sensor did not flicker.
+    still = data.gyro_sigma[:, 0] / GYRO_DENSITY * ACCEL_DENSITY
+    data = replace(data, accel_sigma=still)
     fit = predict(data, linear(default_prior(data)))
     found = figures(line_over_one_g(fit), gyro_model(fit))
-    assert found == pytest.approx(study, rel=0.25)
+    assert found == pytest.approx(study, rel=0.2)
 
 
 def noisy(ideal: Design, prior: Prior, rng) -> JointData:
@@ -133,27 +136,27 @@ def noisy(ideal: Design, prior: Prior, rng) -> JointData:
 def test_fits_of_noisy_sessions_scatter_as_expected() -> None:
     ideal = design(ring(6))
     data = ideal.data()
-    prior = replace(linear(default_prior(data)), wobble=1e-6)
+    prior = replace(linear(default_prior(data)), wobble=np.full(len(data), 1e-6))
     fit = predict(data, prior)
     expected = figures(line_over_one_g(fit), gyro_model(fit))
     rng = np.random.default_rng(5)
+    off, upper = ~np.eye(3, dtype=bool), np.triu_indices(3, 1)
     errors = []
-    for _ in range(12):
+    for _ in range(40):
         session = noisy(ideal, prior, rng)
         covariance = session.accel_sigma[:, None, None] ** 2 * np.eye(3)
         begin = fit_magnitude(session.accel, covariance, session.gravity).affine
-        solved = fit_joint(session, prior, start(session, begin), components=False)
-        accel, gyro = line_over_one_g(solved), gyro_model(solved)
-        a, g = physical_figures(accel), physical_figures(gyro, accel)
-        errors.append(
-            [
-                np.mean(a.scale_percent**2),
-                np.mean(a.cross_rad**2) * 1e6,
-                np.mean(a.bias**2) / MILLI_G**2,
-                np.mean(g.scale_percent**2),
-                np.mean(g.cross_rad**2) * 1e6,
-            ]
+        state = fit_joint(session, prior, start(session, begin), components=False).state
+        T, K, o = state.T, state.K, state.common[ACCEL_OFFSET]
+        # Of a nominal sensor; leans in mrad, scales in percent, bias in mg.
+        parts = (
+            100.0 * (np.diag(T) - 1.0),
+            1e3 * T[upper],
+            o / MILLI_G,
+            100.0 * (np.diag(K) - 1.0),
+            1e3 * K[off],
         )
+        errors.append([np.mean(part**2) for part in parts])
     assert np.sqrt(np.mean(errors, axis=0)) == pytest.approx(expected, rel=0.25)
 
 

@@ -54,7 +54,7 @@ def test_without_a_file_the_protocol_itself_is_printed(inside: Any, tmp_path: Pa
 
 def test_a_short_reach_gets_the_proposal_of_two_mountings(inside: Any, tmp_path: Path) -> None:
     done = inside(
-        *("protocol", "plan", "--time", 100, "--reach", 45, "--search", 0),
+        *("protocol", "plan", "--time", 70, "--reach", 45, "--search", 0),
         *("-o", tmp_path / "short.toml"),
     )
     assert "--mountings 2" in done.stdout

@@ -73,16 +73,16 @@ def test_a_search_never_makes_it_worse_and_gives_the_same_again() -> None:
 
 
 def test_more_time_is_used_and_pays() -> None:
-    scores = [design_protocol(Task.on(JIG, t), search=0).score for t in (50.0, 80.0, 140.0)]
+    scores = [design_protocol(Task.on(JIG, t), search=0).score for t in (50.0, 70.0, 100.0)]
     assert scores == sorted(scores, reverse=True)
     assert scores[2] < 0.6 * scores[0]
 
 
 def test_a_short_reach_is_proposed_a_second_mounting() -> None:
-    found = design_protocol(Task.on(JIG, 115.0, reach={"tilt": 45, "roll": 45}), search=0)
+    found = design_protocol(Task.on(JIG, 70.0, reach={"tilt": 45, "roll": 45}), search=0)
     assert found.turned_over is not None
     assert found.turned_over < found.score / 3
-    assert design_protocol(Task.on(JIG, 115.0), search=0).turned_over is None
+    assert design_protocol(Task.on(JIG, 55.0), search=0).turned_over is None
 
 
 def test_gyro_only_is_judged_by_the_gyroscope() -> None:
