@@ -47,7 +47,7 @@ def calibrate(
     jig: JigFile = None,
     protocol: Annotated[
         str | None,
-        typer.Option(help="Protocol: full (default), quick, six-faces-and-turns or a TOML file."),
+        typer.Option(help="Protocol: full (default), a name of imu-rig protocol list, or a file."),
     ] = None,
     layout: LayoutFile = None,
     name: Annotated[

@@ -19,6 +19,7 @@ from imu_rig.calibration.expected import (
     expected_uncertainty,
 )
 from imu_rig.calibration.expected_paper import expected_of_paper
+from imu_rig.calibration.magnitude import NAMES
 from imu_rig.calibration.model import AXES
 from imu_rig.calibration.multi_position import COMFORTABLE_POSES
 from imu_rig.calibration.paper import Model
@@ -41,7 +42,6 @@ SHORT = 2.5
 LEVEL_TILT = 60.0
 """Beyond this tilt the roll axis is too steep for gravity to see its turns [deg]."""
 PAPER: dict[str, Model] = {"paper": "full", "paper-diagonal": "diagonal"}
-UNNAMED = ("scale x", "lean xy", "lean xz", "scale y", "lean yz", "scale z")
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def _refuse_free_accelerometer(design: Design, plan: SessionPlan, jig: JigConfig
     free = np.flatnonzero(magnitude_sigma(directions) > FREE_ACCEL)
     if not len(free):
         return
-    names = [*UNNAMED, *(f"bias {axis}" for axis in AXES)]
+    names = [*NAMES, *(f"bias {axis}" for axis in AXES)]
     # Poses that come back to the same direction of gravity count once.
     count = len(np.unique(np.round(directions, 2), axis=0))
     left = "everything" if len(free) == len(names) else _list([names[i] for i in free])
