@@ -13,6 +13,7 @@ from pydantic_core import from_json
 import imu_rig
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.calibration.certificate_jig import JigEntry, NonlinearityEntry
 from imu_rig.calibration.certificate_magnetometer import MagEntry
 from imu_rig.calibration.certificate_parts import (
     ACCEL_BIAS_LIMIT,
@@ -73,6 +74,9 @@ class Certificate(Part):
     temperature: TemperatureEntry | None = None
     noise: NoiseModel | None = None
     mag: MagEntry | None = None
+    accel_at_zero: AffineEntry | None = None
+    nonlinearity: NonlinearityEntry | None = None
+    jig: JigEntry | None = None
 
     @field_validator("version", mode="before")
     @classmethod
@@ -80,10 +84,11 @@ class Certificate(Part):
         """Take an older version for the present one, which only adds optional parts."""
         return VERSION if type(version) is int and 1 <= version < VERSION else version
 
-    @field_validator("accel")
+    @field_validator("accel", "accel_at_zero")
     @classmethod
-    def _possible_accel(cls, accel: AffineEntry) -> AffineEntry:
-        accel.require_bias_below(ACCEL_BIAS_LIMIT, "m/s^2")
+    def _possible_accel(cls, accel: AffineEntry | None) -> AffineEntry | None:
+        if accel is not None:
+            accel.require_bias_below(ACCEL_BIAS_LIMIT, "m/s^2")
         return accel
 
     @field_validator("gyro")
@@ -154,6 +159,11 @@ def certificate_of(
             temperature=TemperatureEntry.of(result.temperature),
             noise=noise,
             mag=MagEntry.of(result.mag),
+            accel_at_zero=(
+                None if result.accel_at_zero is None else AffineEntry.of(result.accel_at_zero)
+            ),
+            nonlinearity=NonlinearityEntry.of(result.straightness),
+            jig=JigEntry.of(result.jig),
         )
     except ValidationError as error:
         problem = sentence(error, "a certificate")
