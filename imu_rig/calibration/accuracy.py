@@ -61,8 +61,24 @@ def sphere_error(accel: Affine, gravity: float = STANDARD_GRAVITY) -> Directiona
         Size of the specific force [m/s^2].
     """
     directions = sphere()
-    sensor = in_sensor_frame(accel)
-    return DirectionalError.over(directions, _reading_sigma(sensor, gravity * directions))
+    return DirectionalError.over(directions, rest_sigma(accel, directions, gravity))
+
+
+def rest_sigma(
+    accel: Affine, directions: FloatArray, gravity: float = STANDARD_GRAVITY
+) -> FloatArray:
+    """Return the standard uncertainty (n,) [m/s^2] of readings at rest with ``directions`` up.
+
+    Parameters
+    ----------
+    accel : Affine
+        The accelerometer.
+    directions : shape (n, 3)
+        Unit vectors in the sensor frame.
+    gravity : float
+        Size of the specific force [m/s^2].
+    """
+    return _reading_sigma(in_sensor_frame(accel), gravity * directions)
 
 
 def turn_error(

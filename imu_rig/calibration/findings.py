@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 Kind = Literal[
-    "mislabelled",
-    "bumped",
-    "slip",
     "saturated",
-    "moved",
-    "bad still",
+    "mislabelled",
     "remounted",
     "nonlinear",
-    "g-sensitivity",
     "warm-up",
+    "g-sensitivity",
+    "bad still",
+    "moved",
+    "slip",
+    "bumped",
 ]
+"""In order of importance: what spoils the sensor's figures before what spoils the jig's frame."""
 
 
 @dataclass(frozen=True)
@@ -46,3 +48,13 @@ class Finding:
     poses: tuple[int, ...] = ()
     axis: str = ""
     size: float = 0.0
+
+
+def by_importance(findings: Sequence[Finding], warnings: Sequence[str]) -> tuple[str, ...]:
+    """Sentences of findings and warnings, each once: the findings first, by importance.
+
+    Warnings repeat the findings' sentences for readers that know warnings only.
+    """
+    rank = {kind: place for place, kind in enumerate(get_args(Kind))}
+    texts = [f.text for f in sorted(findings, key=lambda f: rank[f.kind])]
+    return tuple(dict.fromkeys((*texts, *warnings)))

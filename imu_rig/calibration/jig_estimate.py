@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,12 @@ class JigEstimate:
         Of the servos, standard deviation [rad].
     wobble : float
         Rotation of a pose beyond the servos, standard deviation per axis [rad].
+    deviation : shape (m, 3)
+        By how much pan, tilt and roll missed the commanded angle in every still, beyond gain and
+        zero [rad]; a slip is in it, an exchanged label is not. Not a number where a still was
+        left out.
+    commanded : shape (m,)
+        Which of the commanded poses each still is, as findings count them.
     """
 
     servo_gain: Estimate
@@ -51,6 +57,8 @@ class JigEstimate:
     level: Estimate
     repeatability: FloatArray
     wobble: float
+    deviation: FloatArray
+    commanded: IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -196,10 +196,29 @@ def _outcome(session: Session, solved: _Solved) -> Outcome:
         warnings=tuple(warnings),
         accel_at_zero=gain_at_zero(fit),
         straightness=straightness(fit),
-        jig=jig_estimate(fit),
+        jig=replace(
+            jig_estimate(fit), deviation=_deviations(session, solved), commanded=session.order
+        ),
         findings=solved.findings,
         attitudes=where,
     )
+
+
+def _deviations(session: Session, solved: _Solved) -> FloatArray:
+    """Return by how much servos missed what they were told, slips with it (m, 3) [rad].
+
+    Stills that were left out are not numbers. A label put right is no deviation of a servo.
+    """
+    deviation = np.full((len(session.stills), 3), np.nan)
+    deviation[solved.usable] = solved.fit.state.deviation
+    if session.commanded is not None:
+        commanded = session.commanded.angles_deg[solved.usable] * DEG
+        deviation[solved.usable] += solved.fit.data.angles - commanded
+    relabelled = [i for f in solved.findings if f.kind == "mislabelled" for i in f.poses]
+    place = np.cumsum(solved.usable) - 1
+    for i in relabelled:
+        deviation[i] = solved.fit.state.deviation[place[i]]
+    return deviation
 
 
 def _gyro(solved: _Solved, accel: Affine) -> GyroOutcome:

@@ -144,6 +144,8 @@ def jig_estimate(fit: JointFit) -> JigEstimate:
         level=_level(fit, repeatability),
         repeatability=repeatability,
         wobble=_wobble(fit),
+        deviation=fit.state.deviation,
+        commanded=np.arange(len(fit.data)),
     )
 
 
