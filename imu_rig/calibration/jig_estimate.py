@@ -33,8 +33,8 @@ class JigEstimate:
     roll_axis : shape (k, 3)
         Direction of the roll axis in sensor axes, per mounting; uncertainty per axis [rad].
     level : shape (2,)
-        Elevation of the sensor's x axis and sideways lean, with all servos commanded to zero
-        [rad]; what one visit of that pose is uncertain by is in ``level.sigma``.
+        Rotation about the sensor's y and x axes by which it is off level with all servos commanded
+        to zero [rad]; what one visit of that pose is uncertain by is in ``level.sigma``.
     repeatability : shape (3,)
         Of the servos, standard deviation [rad].
     wobble : float

@@ -230,6 +230,12 @@ class CalibrationResult:
         return physical_figures(self.mag.affine, self.accel if aligned else None)
 
     @property
+    def has_accel(self) -> bool:
+        """Whether the accelerometer was calibrated; else ``accel`` is a nominal one."""
+        nominal = np.array_equal(self.accel.K, np.eye(3)) and not self.accel.b.any()
+        return not (nominal or self.only_magnetometer)
+
+    @property
     def only_magnetometer(self) -> bool:
         """Whether the magnetometer alone was calibrated."""
         return self.method == "magnetometer"

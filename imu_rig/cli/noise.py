@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time as clock
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 MODEL_NAME = "noise.json"
 REPORT_NAME = "noise.html"
+WIDTH = 80
 SILENT_S = 2.0
 """Work that takes longer shows how far it is."""
 LINE_S = 5.0
@@ -149,13 +151,30 @@ def noise_lines(model: NoiseModel) -> list[str]:
         f"{model.rate_hz:.2f} samples/s"
     ]
     for units, found in noise_sensors(model):
-        lines += ["", f"  {units.title:35}{'x':>22}{'y':>22}{'z':>22}"]
-        for label, *texts in noise_rows(units, found):
-            lines.append(f"  {label:35}" + "".join(f"{text:>22}" for text in texts))
+        lines += ["", *_sensor_lines(units.title, noise_rows(units, found))]
     lines += ["", "  '<': an upper bound (95 %) of what the record does not determine."]
     for warning in model.warnings:
         lines += ["", *paragraph(warning, mark="! ")]
     return [*lines, ""]
+
+
+def _sensor_lines(title: str, rows: list[tuple[str, str, str, str]]) -> list[str]:
+    """Rows under their title; labels stand above the numbers where both do not fit one line."""
+    label_width = 1 + max(len(label) for label, *_ in rows)
+    cell = 2 + max(len(text) for _, *texts in rows for text in texts)
+    beside = label_width + 3 * cell <= WIDTH - 2
+    indent = label_width if beside else WIDTH - 2 - 3 * cell
+
+    def cells(texts: Iterable[str]) -> str:
+        return "".join(f"{text:>{cell}}" for text in texts)
+
+    lines = [f"  {title:{indent}}{cells('xyz')}"]
+    for label, *texts in rows:
+        if beside:
+            lines.append(f"  {label:{indent}}{cells(texts)}")
+        else:
+            lines += [f"  {label}", f"  {'':{indent}}{cells(texts)}"]
+    return lines
 
 
 class _Progress:

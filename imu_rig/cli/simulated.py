@@ -40,15 +40,17 @@ class SimulatedSession:
 
     def __init__(self, clock: Clock, setup: SessionSetup, rig: SimulatedRig) -> None:
         self.clock, self.setup, self.rig = clock, setup, rig
-        self._first_ns = self._last_ns = clock.now_ns()
-        self._held = False
+        self._held_ns: dict[int, tuple[int, int]] = {}
 
     def observe(self, progress: Progress) -> None:
-        """Remember from when to when poses were held: the calibration is of that time."""
-        if progress.state == "holding":
-            self._last_ns = self.clock.now_ns()
-            if not self._held:
-                self._held, self._first_ns = True, self._last_ns
+        """Remember when each pose was held: the calibration is of those times.
+
+        Checks are kept out of it.
+        """
+        if progress.state == "holding" and progress.kind != "check":
+            now = self.clock.now_ns()
+            begin, _ = self._held_ns.get(progress.step, (now, now))
+            self._held_ns[progress.step] = (begin, now)
 
     def ask(self, request: str, turn: tuple[float, float, float]) -> bool:
         """Turn the simulated sensor over."""
@@ -70,17 +72,33 @@ class SimulatedSession:
         return True
 
     def truth(self) -> Truth:
-        """Return what the sensor was, its walking offsets averaged while poses were held."""
+        """Return what the sensor was, its walking offsets averaged over the poses."""
         import numpy as np
 
         from imu_rig.calibration.model import Affine
-        from imu_rig.report.facts import Truth
+        from imu_rig.report.facts import JigTruth, Truth
+        from imu_rig.units import DEG
+        from simulators.straight_line import line_over_gravity
 
         exact = np.zeros((12, 12))
-        true = self.rig.truth_between(self._first_ns, self._last_ns)
+        now = self.clock.now_ns()
+        held = [self.rig.truth_between(*times) for times in self._held_ns.values() or [(now, now)]]
+        true = replace(
+            held[0],
+            accel=replace(held[0].accel, b=np.mean([pose.accel.b for pose in held], axis=0)),
+            gyro=replace(held[0].gyro, b=np.mean([pose.gyro.b for pose in held], axis=0)),
+        )
+        sensor, jig = self.rig.world.imu.sensor.model, true.jig
+        line = line_over_gravity(
+            true.accel, sensor.accel_quadratic, sensor.accel_cubic, true.gravity
+        )
         return Truth(
-            accel=Affine(true.accel.K, true.accel.b, exact),
+            accel=Affine(line.K, line.b, exact),
             gyro=Affine(true.gyro.K, true.gyro.b, exact),
+            accel_at_zero=Affine(true.accel.K, true.accel.b, exact),
+            quadratic=sensor.accel_quadratic,
+            cubic=sensor.accel_cubic,
+            jig=JigTruth(jig.tilt_skew_deg * DEG, jig.roll_skew_deg * DEG),
         )
 
 

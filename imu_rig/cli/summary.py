@@ -12,18 +12,22 @@ from imu_rig.cli.magnetometer_summary import (
     magnetometer_errors,
     magnetometer_lines,
 )
+from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line
 from imu_rig.units import DEG, MILLI_G
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
+    from imu_rig.calibration.jig_estimate import JigEstimate
     from imu_rig.calibration.model import PhysicalFigures
     from imu_rig.calibration.result import CalibrationResult, ErrorStages
     from imu_rig.calibration.verification import Verification
     from imu_rig.report.facts import Truth
 
 MILLIRADIAN = 1e-3
-LABEL_WIDTH = 30
+LABEL_WIDTH = 33
+ERROR_WIDTH = 39
 NUMBER_WIDTH = 11
+WIDTH = 78
 MOST_REASONS = 6
 
 
@@ -32,6 +36,7 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
 
     Uncertainties are standard uncertainties.
     """
+    from imu_rig.calibration.findings import by_importance
     from imu_rig.calibration.model import physical_figures
 
     lines = _failed(result.verification)
@@ -39,12 +44,12 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     source = f"{len(result.poses)} poses and {len(result.moves)} moves"
     if mag is not None and result.only_magnetometer:
         source = counted_readings(mag)
-    lines += [
-        f"Calibration of {result.device.name or 'the sensor'} by {result.method} from {source}",
-        "",
-    ]
+    name = one_line(result.device.name) or "the sensor"
+    head = f"Calibration of {name} by {result.method} from {source}"
+    lines += [*textwrap.wrap(head, WIDTH, subsequent_indent="  "), ""]
     lines += _errors("gravity magnitude error, rms [mg]", result.accel_errors, MILLI_G)
     lines += _errors("gravity direction per move, rms [deg]", result.gyro_errors, DEG)
+    lines += _reaches(result)
     lines += [] if mag is None else [magnetometer_errors(mag)]
     if result.verification is not None:
         lines += ["", *verification_lines(result.verification)]
@@ -52,23 +57,28 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
     true = None if truth is None else physical_figures(truth.accel)
-    if not result.only_magnetometer:
-        lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
+    if result.has_accel:
+        kind = ("accelerometer", "non-orthogonality")
+        lines += _figures(kind, result.accel_figures, MILLI_G, "mg", true)
     if result.gyro_figures is not None:
         true = None
         if truth is not None and truth.gyro is not None:
             true = physical_figures(truth.gyro, truth.accel)
-        lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
+        kind = ("gyroscope", "cross-axis")
+        lines += _figures(kind, result.gyro_figures, DEG, "deg/s", true)
     if mag is not None and result.mag_figures is not None:
         # A truth of simulated sensors holds accelerometer and gyroscope only.
-        lines += _figures("magnetometer", result.mag_figures, 1.0, "uT", None)
+        kind = ("magnetometer", "cross-axis")
+        lines += _figures(kind, result.mag_figures, 1.0, "uT", None)
         lines += ["", *magnetometer_lines(mag)]
+    if result.jig is not None:
+        lines += ["", *paragraph(_jig(result.jig))]
     if not result.only_magnetometer:
         lines += ["", *paragraph(result.gravity.statement)]
     for note in () if mag is None else mag.notes:
         lines += ["", *paragraph(note)]
-    for warning in result.warnings:
-        lines += ["", *paragraph(warning, mark="! ")]
+    for warning in by_importance(result.findings, result.warnings):
+        lines += ["", *paragraph(one_line(warning, LONGEST_PARAGRAPH), mark="! ")]
     return lines
 
 
@@ -87,20 +97,21 @@ def verification_lines(verification: Verification) -> list[str]:
         f"{limits.turn / DEG:g} deg, and {limits.sigma:g} predicted standard deviations."
     )
     for label, kind, unit, name in (
-        ("check poses, gravity magnitude", "pose", MILLI_G, "mg"),
-        ("check moves, gravity direction", "move", DEG, "deg"),
+        ("check poses, magnitude", "pose", MILLI_G, "mg"),
+        ("check moves, direction", "move", DEG, "deg"),
     ):
         rows = [row for row in verification.rows if row.kind == kind]
         found = [(abs(r.error), r.sigmas) for r in rows if r.error is not None and r.sigmas]
         if found:
             error, sigmas = (max(column) for column in zip(*found, strict=True))
+            counted = f"{len(found)} of {len(rows)} {label}"
             lines.append(
-                f"  {label:39}{error / unit:.3f} {name} and {sigmas:.1f} std. dev. at most "
-                f"({len(found)} of {len(rows)} count)"
+                f"  {counted:{ERROR_WIDTH}}{error / unit:.3f} {name}, "
+                f"{sigmas:.1f} std. dev. at most"
             )
     reasons = verification.reasons
     for reason in reasons[:MOST_REASONS]:
-        lines += paragraph(reason, mark="! ")
+        lines += paragraph(one_line(reason, LONGEST_PARAGRAPH), mark="! ")
     if len(reasons) > MOST_REASONS:
         lines += paragraph(f"{len(reasons) - MOST_REASONS} more are in the report.", mark="! ")
     return lines
@@ -109,45 +120,76 @@ def verification_lines(verification: Verification) -> list[str]:
 def paragraph(sentence: str, mark: str = "") -> list[str]:
     """Break a sentence into indented lines; ``mark`` stands before the first."""
     return textwrap.wrap(
-        sentence, 78, initial_indent="  " + mark, subsequent_indent="  " + " " * len(mark)
+        sentence, WIDTH, initial_indent="  " + mark, subsequent_indent="  " + " " * len(mark)
     )
 
 
 def _errors(label: str, stages: ErrorStages, unit: float) -> list[str]:
     if stages.before is None or stages.after is None:
         return []
-    line = f"  {label:39}{stages.before.rms / unit:.3f} raw   {stages.after.rms / unit:.3f} fitted"
-    return [line + (f"   {stages.held_out.rms / unit:.3f} left out" if stages.held_out else "")]
+    parts = [(stages.before, "raw"), (stages.after, "fitted"), (stages.held_out, "left out")]
+    texts = [f"{errors.rms / unit:.3f} {name}" for errors, name in parts if errors is not None]
+    return [f"  {label:{ERROR_WIDTH}}{'   '.join(texts)}"]
+
+
+def _reaches(result: CalibrationResult) -> list[str]:
+    """Lines that tell how far errors of a reading at rest and of a turn reach."""
+    from imu_rig.report.accuracy import reading_reach, turn_reach
+
+    rows = (
+        ("calibrated reading at rest, 95 % [mg]", reading_reach(result), MILLI_G),
+        ("turn of 90 deg, 95 % [deg]", turn_reach(result), DEG),
+    )
+    return [
+        f"  {label:{ERROR_WIDTH}}{reach.rms / unit:.3f} rms   {reach.maximum / unit:.3f} at worst"
+        for label, reach, unit in rows
+        if reach is not None
+    ]
+
+
+def _jig(jig: JigEstimate) -> str:
+    """Tell the jig's own errors, and how good a frame it gives, in short."""
+    import numpy as np
+
+    gain = ", ".join(f"{100.0 * value:+.2f}" for value in jig.servo_gain.value)
+    repeats = ", ".join(f"{value / DEG:.2f}" for value in jig.repeatability)
+    axis, level = (float(np.max(e.sigma)) / DEG for e in (jig.roll_axis, jig.level))
+    return (
+        f"The jig: servo gain {gain} %, repeating to {repeats} deg (pan, tilt, roll). Its frame is "
+        f"as good as its servos: roll axis in the sensor known to {axis:.2f} deg, level of a pose "
+        f"to {level:.2f} deg. The figures above do not depend on it."
+    )
 
 
 def _figures(
-    sensor: str,
+    kind: tuple[str, str],
     figures: PhysicalFigures,
     unit: float,
     unit_name: str,
     truth: PhysicalFigures | None,
 ) -> list[str]:
+    """Rows of a sensor; ``kind`` is its name and what the angles between its axes are called."""
+    sensor, angles = kind
     rows = [
-        (f"{sensor} scale {axis} [%]", figures.scale_percent[i], figures.scale_percent_u[i], 1.0)
+        (f"scale {axis} [%]", figures.scale_percent[i], figures.scale_percent_u[i], 1.0)
         for i, axis in enumerate("xyz")
     ]
     true = [] if truth is None else list(truth.scale_percent)
     rows += [
-        (f"{sensor} cross {name} [mrad]", figures.cross_rad[i], figures.cross_rad_u[i], MILLIRADIAN)
+        (f"{angles} {name} [mrad]", figures.cross_rad[i], figures.cross_rad_u[i], MILLIRADIAN)
         for i, name in enumerate(figures.cross_names)
     ]
     true += [] if truth is None else list(truth.cross_rad)
     rows += [
-        (f"{sensor} bias {axis} [{unit_name}]", figures.bias[i], figures.bias_u[i], unit)
+        (f"bias {axis} [{unit_name}]", figures.bias[i], figures.bias_u[i], unit)
         for i, axis in enumerate("xyz")
     ]
     true += [] if truth is None else list(truth.bias)
-    lines = []
+    lines = [f"  {sensor}"]
     for i, (label, value, sigma, scale) in enumerate(rows):
         numbers = [value, sigma, *((true[i], value - true[i]) if true else ())]
         columns = "".join(f"{number / scale:{NUMBER_WIDTH}.4f}" for number in numbers)
-        line = f"  {label:{LABEL_WIDTH}}{columns}"
-        lines.append(line)
+        lines.append(f"    {label:{LABEL_WIDTH - 2}}{columns}")
     return lines
 
 

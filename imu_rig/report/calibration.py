@@ -8,8 +8,11 @@ from imu_rig import __version__
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.result import CalibrationResult, ErrorStages
 from imu_rig.report import figures
+from imu_rig.report.accuracy import accuracy_cards, true_errors, uncertainty_map
 from imu_rig.report.facts import SessionSummary, Truth
+from imu_rig.report.jig import jig_section
 from imu_rig.report.magnetometer import magnetometer_cards, magnetometer_section
+from imu_rig.report.nonlinearity import nonlinearity_section
 from imu_rig.report.numbers import MISSING, counted, duration, fixed, significant
 from imu_rig.report.page import (
     Html,
@@ -31,8 +34,9 @@ from imu_rig.report.tables import (
     parameter_table,
     pose_table,
 )
+from imu_rig.report.temperature import temperature_section
 from imu_rig.report.verdict import Verdict, gravity_sentence, verdict
-from imu_rig.report.verification import figure_count, verification_section
+from imu_rig.report.verification import figure_count, verification_card, verification_section
 from imu_rig.units import DEG, MILLI_G
 
 __all__ = ["SessionSummary", "Truth", "calibration_report", "write_report"]
@@ -70,15 +74,20 @@ def calibration_report(
     found = sensors(result, truth)
     drawn = Figures(before=figure_count(result.verification))
     evidence = _figures(result, found, drawn)
+    jig = jig_section(result, None if truth is None else truth.jig, before=drawn.last)
+    by_jig = 0 if result.jig is None else 1
     return document(
         f"{title}: {result.device.name}" if result.device.name else title,
         _header(title, result, certificate),
         _verdict(verdict(result, session)),
         _cards(result, found),
         Html("") if result.verification is None else verification_section(result.verification),
-        _parameters(result, found) if found else Html(""),
+        _parameters(result, found, truth) if found else Html(""),
+        nonlinearity_section(result, truth),
+        temperature_section(result),
         evidence if drawn.parts else Html(""),
-        magnetometer_section(result, before=drawn.last),
+        jig,
+        magnetometer_section(result, before=drawn.last + by_jig),
         _session(session),
         _use(certificate, certificate_file),
         _provenance(result, certificate),
@@ -105,8 +114,9 @@ def _verdict(words: Verdict) -> Html:
 
 
 def _cards(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
-    cards = []
-    if not result.only_magnetometer:
+    cards = [] if result.only_magnetometer else [verification_card(result.verification)]
+    cards += accuracy_cards(result)
+    if result.has_accel:
         cards.append(
             _error_card("Gravity magnitude error", result.accel_errors, MILLI_G, "mg", "pose")
         )
@@ -140,21 +150,23 @@ def _uncertainty_card(sensor: Sensor, group: ParameterGroup) -> Html:
     return card(label, value, group.unit, "largest standard uncertainty of the axes")
 
 
-def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
+def _parameters(result: CalibrationResult, found: tuple[Sensor, ...], truth: Truth | None) -> Html:
     comparison = compare_with_truth(found)
     judged = []
-    if comparison is not None:
+    if comparison is not None and truth is not None:
         judged = [
             element(
                 "p",
                 "This sensor is simulated, so the truth is known: it lies inside the 95 % interval "
                 f"of {comparison.inside} of the {comparison.compared} estimated parameters, and "
                 f"the errors are {significant(comparison.rms, 2)} standard uncertainties (root "
-                "mean square; 1 is expected).",
+                f"mean square; 1 is expected). {_really(result, truth)}",
             )
         ]
-    matrices = [matrix_table("Accelerometer", result.accel, "m/s²")]
-    code = [matrix_code("accel", result.accel)]
+    matrices, code = [], []
+    if result.has_accel:
+        matrices.append(matrix_table("Accelerometer", result.accel, "m/s²"))
+        code.append(matrix_code("accel", result.accel))
     if result.gyro is not None:
         matrices.append(matrix_table("Gyroscope", result.gyro, "rad/s"))
         code.append(matrix_code("gyro", result.gyro))
@@ -173,7 +185,7 @@ def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
         ),
         element(
             "p",
-            "Scale error: how much too much an axis reads. Non-orthogonality and lean x → y: "
+            "Scale error: how much too much an axis reads. Non-orthogonality and cross-axis x → y: "
             "angle by which axis x senses toward axis y, the gyroscope's relative to the axes of "
             "the accelerometer. Bias: reading at zero input. “Std. unc.” is the standard "
             "uncertainty; “fixed” values are set by convention or by the method, not estimated. "
@@ -188,6 +200,23 @@ def _parameters(result: CalibrationResult, found: tuple[Sensor, ...]) -> Html:
             element("pre", "\n".join(code)),
         ),
     )
+
+
+def _really(result: CalibrationResult, truth: Truth) -> str:
+    """Say what the calibrated sensor errs by, which only a simulation can know."""
+    reading, turn = true_errors(result, truth)
+    parts = []
+    if reading is not None:
+        parts.append(
+            f"its readings at rest err by {significant(reading.rms / MILLI_G, 2)} mg (root mean "
+            f"square over all attitudes; at most {significant(reading.maximum / MILLI_G, 2)} mg)"
+        )
+    if turn is not None:
+        parts.append(
+            f"a 90° turn by {significant(turn.rms / DEG, 2)} deg (over all axes; at most "
+            f"{significant(turn.maximum / DEG, 2)} deg)"
+        )
+    return f"As calibrated, {', '.join(parts)}." if parts else ""
 
 
 def _figures(result: CalibrationResult, found: tuple[Sensor, ...], drawn: Figures) -> Html:
@@ -238,6 +267,15 @@ def _draw_pose_figures(drawn: Figures, result: CalibrationResult) -> None:
             "Where up was in the sensor in each still pose, by pose number, both halves seen "
             "from +z (equal-area projection, circles of elevation). Numbers that would cover "
             "each other are left out; those of the largest errors stay.",
+        )
+    if result.has_accel:
+        drawn.add(
+            "map",
+            uncertainty_map(result),
+            "How certain a calibrated reading is",
+            "Standard uncertainty of a reading at rest with each direction up, from that of all "
+            "parameters; the circles are the poses. Seen from +z in both halves (equal-area "
+            "projection). Noise of the reading itself is not in it.",
         )
     drawn.add(
         "poses",

@@ -49,6 +49,22 @@ class SessionSummary:
     backlash_deg: tuple[tuple[str, float], ...] = ()
 
 
+@dataclass(frozen=True)
+class JigTruth:
+    """What a simulated jig really is.
+
+    Only what a choice of frame has no part in, and backlash does not look like.
+
+    Attributes
+    ----------
+    tilt_skew, roll_skew : float
+        [rad].
+    """
+
+    tilt_skew: float
+    roll_skew: float
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """What a simulated sensor really is: the calibrations that would be exact.
@@ -56,10 +72,20 @@ class Truth:
     Attributes
     ----------
     accel : Affine
-        Accelerometer, m/s^2.
+        Accelerometer, m/s^2: the best line over +-1 g.
     gyro : Affine or None
         Gyroscope, rad/s, in the output frame of ``accel``.
+    accel_at_zero : Affine or None
+        The accelerometer's slope at zero input; the same as ``accel`` for a linear one.
+    quadratic, cubic : (float, float, float) or None
+        Share of 1 g by which an axis errs at 1 g.
+    jig : JigTruth or None
+        What the simulated jig really is.
     """
 
     accel: Affine
     gyro: Affine | None = None
+    accel_at_zero: Affine | None = None
+    quadratic: tuple[float, float, float] | None = None
+    cubic: tuple[float, float, float] | None = None
+    jig: JigTruth | None = None

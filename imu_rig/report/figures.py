@@ -90,7 +90,7 @@ def pose_errors(result: CalibrationResult) -> Figure:
     for axes in (above, below):
         axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.set_ylabel("error [mg]")
-        _count_axis(axes, x)
+        count_axis(axes, x)
         _legend(axes)
     above.set_xticks([])
     above.locator_params(axis="y", nbins=5)
@@ -158,7 +158,7 @@ def move_errors(result: CalibrationResult) -> Figure:
     _plain_log_ticks(axes, low, high)
     axes.set_ylabel("direction error [deg]")
     axes.set_xlabel("move number")
-    _count_axis(axes, x)
+    count_axis(axes, x)
     _legend(axes, columns=2 if len(axes.get_legend_handles_labels()[0]) > 3 else 3)
     return figure
 
@@ -214,7 +214,7 @@ def vector_residuals(result: CalibrationResult) -> Figure | None:
         axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.set_ylabel(ylabel)
         axes.set_xlabel(xlabel)
-        _count_axis(axes, x)
+        count_axis(axes, x)
         if i == 0:
             _legend(axes)
     return figure
@@ -284,7 +284,8 @@ def _legend(axes: Axes, columns: int = 3) -> None:
     )  # fmt: skip
 
 
-def _count_axis(axes: Axes, x: FloatArray) -> None:
+def count_axis(axes: Axes, x: FloatArray) -> None:
+    """Let an axis run over the numbers (n,) of poses or moves."""
     low, high = (float(x[0]), float(x[-1])) if len(x) else (1.0, 1.0)
     margin = max(0.6, 0.01 * (high - low))
     axes.set_xlim(low - margin, high + margin)

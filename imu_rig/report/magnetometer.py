@@ -85,8 +85,8 @@ def magnetometer_section(result: CalibrationResult, *, before: int) -> Html:
         element("div", parameter_table(sensor), class_="pair wide"),
         element(
             "p",
-            "Bias is the hard iron: what the sensor reads in no field. Lean x → y: angle by which "
-            "axis x senses toward axis y"
+            "Bias is the hard iron: what the sensor reads in no field. Cross-axis x → y: angle by "
+            "which axis x senses toward axis y"
             + (" of the accelerometer." if mag.alignment != "none" else " of the sensor itself."),
             class_="note",
         ),

@@ -17,6 +17,8 @@ from imu_rig.units import DEG, MILLI_G
 MILLIRADIAN = 1e-3
 FIXED_BELOW = 1e-12
 """A standard uncertainty below this belongs to what a convention or the method fixed."""
+NORMAL_95 = 1.96
+"""From the standard uncertainty of many readings to half the width of a 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Parameter:
     Attributes
     ----------
     name : str
-        Axis, or the lean of one axis toward another.
+        Axis, or two axes of which the first senses toward the second.
     value, uncertainty : float
         Estimate and its standard uncertainty; 0 where the value is fixed, not estimated.
     half_width : float
@@ -103,13 +105,10 @@ def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sens
     """
     if result.only_magnetometer:
         return ()
-    true_accel = None if truth is None else physical_figures(truth.accel)
-    found = [
-        _sensor(
-            "Accelerometer", result.accel, result.accel_figures, true_accel,
-            ("Non-orthogonality", MILLI_G, "mg"),
-        )
-    ]  # fmt: skip
+    found = []
+    if result.has_accel:
+        true_accel = None if truth is None else physical_figures(truth.accel)
+        found.append(accelerometer(result.accel, true_accel))
     if result.gyro is not None and result.gyro_figures is not None:
         true_gyro = (
             None
@@ -119,17 +118,23 @@ def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sens
         found.append(
             _sensor(
                 "Gyroscope", result.gyro, result.gyro_figures, true_gyro,
-                ("Lean of axes", DEG, "deg/s"),
+                ("Cross-axis", DEG, "deg/s"),
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def accelerometer(affine: Affine, truth: PhysicalFigures | None = None) -> Sensor:
+    """Return the parameters of an accelerometer, beside the true ones where known."""
+    kind = ("Non-orthogonality", MILLI_G, "mg")
+    return _sensor("Accelerometer", affine, physical_figures(affine), truth, kind)
 
 
 def magnetometer_sensor(result: CalibrationResult) -> Sensor | None:
     """Return the magnetometer, whose axes count relative to those of its accelerometer."""
     if result.mag is None or result.mag_figures is None:
         return None
-    kind = ("Lean of axes", 1.0, "µT")
+    kind = ("Cross-axis", 1.0, "µT")
     return _sensor("Magnetometer", result.mag.affine, result.mag_figures, None, kind)
 
 
@@ -155,21 +160,8 @@ def _sensor(
         uncertainty: FloatArray,
         true: FloatArray | None,
     ) -> ParameterGroup:
-        sigma = np.where(uncertainty < FIXED_BELOW, 0.0, uncertainty) / scale
-        return ParameterGroup(
-            title,
-            unit,
-            tuple(
-                Parameter(
-                    name=label,
-                    value=float(value[i] / scale),
-                    uncertainty=float(sigma[i]),
-                    half_width=float(factor * sigma[i]),
-                    truth=None if true is None else float(true[i] / scale),
-                )
-                for i, label in enumerate(names)
-            ),
-        )
+        kind = (title, unit, scale)
+        return parameter_group(kind, names, value, uncertainty, true, factor=factor)
 
     return Sensor(
         name,
@@ -186,6 +178,39 @@ def _sensor(
             figures.bias, figures.bias_u, true[2],
         ),
     )  # fmt: skip
+
+
+def parameter_group(
+    kind: tuple[str, str, float],
+    names: Sequence[str],
+    value: Sequence[float] | FloatArray,
+    uncertainty: Sequence[float] | FloatArray,
+    truth: Sequence[float | None] | FloatArray | None = None,
+    *,
+    factor: float = NORMAL_95,
+) -> ParameterGroup:
+    """Make a group of its title, unit and the unit's size; SI values and standard uncertainties.
+
+    ``factor`` is that from standard uncertainty to half the width of the 95 % interval.
+    """
+    title, unit, scale = kind
+    sigma = np.asarray(uncertainty, dtype=float)
+    sigma = np.where(sigma < FIXED_BELOW, 0.0, sigma) / scale
+    true = [None] * len(names) if truth is None else [*truth]
+    return ParameterGroup(
+        title,
+        unit,
+        tuple(
+            Parameter(
+                name=label,
+                value=float(value[i] / scale),
+                uncertainty=float(sigma[i]),
+                half_width=float(factor * sigma[i]),
+                truth=None if known is None else float(known / scale),
+            )
+            for i, (label, known) in enumerate(zip(names, true, strict=True))
+        ),
+    )
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import matplotlib as mpl
@@ -34,6 +34,8 @@ AROUND = (
 REACHES = (1.0, 2.3, 3.6)
 """How far off, in units of the nearest place; the farther ones get a line to the point."""
 COLOURS = "viridis_r"
+STEPS = 12
+"""Colours of a map."""
 SOFT = "#5b626c"
 BAR = (134.0, 46.0, 252.0, 10.0)
 """Left, bottom, width and height of the colour bar."""
@@ -85,13 +87,7 @@ def hemispheres(
     titles : (str, str)
         Names of the halves.
     """
-    figure = new_figure(HEIGHT)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_axis_off()
-    axes.set_xlim(0.0, WIDTH)
-    axes.set_ylim(0.0, HEIGHT)
-    for centre, title in zip(CENTRES, titles, strict=True):
-        _draw_net(axes, centre, title)
+    figure, axes = _empty(titles)
     places = project(directions)
     largest = float(np.max(errors)) or 1.0
     colours = mpl.colormaps[COLOURS]
@@ -125,8 +121,67 @@ def hemispheres(
             zorder=4,
             bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.6},
         )
-    _draw_colour_bar(axes, colours, largest, error_name)
+    _draw_colour_bar(axes, colours, (0.0, largest), error_name)
     return figure
+
+
+def hemisphere_map(
+    values: Callable[[FloatArray], FloatArray],
+    directions: FloatArray,
+    name: str,
+    *,
+    titles: tuple[str, str] = ("sensor z up", "sensor z down"),
+) -> Figure:
+    """Draw a quantity over the whole sphere, with points on it, as `hemispheres` does.
+
+    Parameters
+    ----------
+    values : function
+        From unit vectors (n, 3) in sensor axes to the quantity (n,).
+    directions : shape (m, 3)
+        Unit vectors to mark.
+    name : str
+        Quantity and unit of ``values``.
+    titles : (str, str)
+        Names of the halves.
+    """
+    figure, axes = _empty(titles)
+    radius, turn = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(0.0, 2.0 * math.pi, 73))
+    up = 1.0 - radius**2
+    flat = np.sqrt(1.0 - up**2)
+    grid = [
+        np.stack((flat * np.cos(turn), flat * np.sin(turn), side * up), axis=-1).reshape(-1, 3)
+        for side in (1.0, -1.0)
+    ]
+    heights = [values(half).reshape(up.shape) for half in grid]
+    low, high = float(np.min(heights)), float(np.max(heights))
+    margin = 1e-3 * (high - low) + 1e-9 * abs(high) + 1e-300
+    edges = np.linspace(low - margin, high + margin, STEPS + 1)
+    colours = mpl.colormaps[COLOURS]
+    for centre, height in zip(CENTRES, heights, strict=True):
+        x = centre[0] + RADIUS * radius * np.cos(turn)
+        y = centre[1] + RADIUS * radius * np.sin(turn)
+        filled = axes.contourf(x, y, height, levels=edges, cmap=colours, zorder=0.5)
+        # Without it the page shows through between the colours.
+        filled.set_edgecolor("face")
+    places = project(directions)
+    axes.plot(
+        places[:, 0], places[:, 1], "o", markersize=2.0 * DOT if len(places) <= MANY else DOT,
+        markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.9, zorder=3,
+    )  # fmt: skip
+    _draw_colour_bar(axes, colours, (low, high), name)
+    return figure
+
+
+def _empty(titles: tuple[str, str]) -> tuple[Figure, Axes]:
+    figure = new_figure(HEIGHT)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.set_xlim(0.0, WIDTH)
+    axes.set_ylim(0.0, HEIGHT)
+    for centre, title in zip(CENTRES, titles, strict=True):
+        _draw_net(axes, centre, title)
+    return figure, axes
 
 
 def project(directions: FloatArray) -> FloatArray:
@@ -182,7 +237,7 @@ def _elevation_labels(centre: tuple[float, float]) -> list[tuple[str, float, flo
     return labels
 
 
-def _draw_colour_bar(axes: Axes, colours: Colormap, largest: float, name: str) -> None:
+def _draw_colour_bar(axes: Axes, colours: Colormap, ends: tuple[float, float], name: str) -> None:
     left, bottom, width, thick = BAR
     steps = 36
     edges = left + width * np.arange(steps) / steps
@@ -194,9 +249,11 @@ def _draw_colour_bar(axes: Axes, colours: Colormap, largest: float, name: str) -
         align="edge",
         color=colours((np.arange(steps) + 0.5) / steps),
     )
-    for value in MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, largest):
-        if value <= largest * (1.0 + 1e-9):
-            x = left + width * value / largest
+    low, high = ends
+    for value in MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high):
+        share = (value - low) / (high - low) if high > low else 0.0
+        if -1e-9 <= share <= 1.0 + 1e-9:
+            x = left + width * share
             axes.plot([x, x], [bottom - 4.0, bottom], color=SOFT, linewidth=0.8)
             axes.text(x, bottom - 6.0, f"{value:.6g}", ha="center", va="top", size=12.0)
     axes.text(left + width / 2.0, bottom - 24.0, name, ha="center", va="top", size=13.0)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from imu_rig.calibration.model import AXES, Affine
 from imu_rig.calibration.result import CalibrationResult
 from imu_rig.report.figures import pose_numbers
 from imu_rig.report.numbers import MISSING, decimals_for, fixed
 from imu_rig.report.page import Html, element, joined, table
-from imu_rig.report.parameters import Parameter, Sensor
+from imu_rig.report.parameters import Parameter, ParameterGroup, Sensor
 from imu_rig.units import DEG, MILLI_G
 
 TEXT_POSE, TEXT_COMMANDED, TEXT_FROM, TEXT_TO = (
@@ -20,12 +20,17 @@ TEXT_POSE, TEXT_COMMANDED, TEXT_FROM, TEXT_TO = (
 
 
 def parameter_table(sensor: Sensor) -> Html:
+    """Every parameter of a sensor."""
+    return group_table(sensor.name, sensor.groups)
+
+
+def group_table(caption: str, groups: Sequence[ParameterGroup]) -> Html:
     """Estimates with standard uncertainty and 95 % interval; beside the truth where known."""
-    has_truth = any(parameter.truth is not None for parameter in sensor.parameters)
+    has_truth = any(p.truth is not None for group in groups for p in group.parameters)
     head = ["Parameter", "Estimate", "Std. unc.", "95 % interval"]
     head += ["True value", "Error / unc."] if has_truth else []
     rows: list[tuple[str, ...] | Html] = []
-    for group in sensor.groups:
+    for group in groups:
         title = f"{group.name} [{group.unit}]"
         rows.append(
             element(
@@ -33,7 +38,7 @@ def parameter_table(sensor: Sensor) -> Html:
             )
         )
         rows += [_parameter_row(parameter, has_truth=has_truth) for parameter in group.parameters]
-    return table(head, rows, caption=sensor.name)
+    return table(head, rows, caption=caption)
 
 
 def _parameter_row(parameter: Parameter, *, has_truth: bool) -> Html:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imu_rig.calibration.findings import by_importance
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.result import CalibrationResult, ErrorStages, ErrorSummary
 from imu_rig.report.facts import SessionSummary
@@ -14,6 +15,11 @@ from imu_rig.report.numbers import counted, significant
 from imu_rig.units import DEG, MILLI_G
 
 METHODS = {
+    "joint": "sensor and jig together; the sensor rests on the magnitude of gravity and the "
+    "gyroscope’s turns, the servos count no more than they repeat",
+    "static": "the magnitude of gravity in still poses, for an accelerometer alone",
+    "ferraris": "six faces of a block and three turns of known angle",
+    "turntable": "known rates of a turntable",
     "paper": "the published least squares, which trusts the commanded angles of the jig",
     "paper-diagonal": "the published least squares with gain and offset per axis only, which "
     "trusts the commanded angles of the jig",
@@ -54,7 +60,7 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
     reasons = () if checked is None else checked.reasons or (checked.headline,) * failed
     attention = (
         *reasons,
-        *result.warnings,
+        *by_importance(result.findings, result.warnings),
         *_own_observations(result, session),
     )
     sensors = _calibrated(result)
@@ -67,7 +73,7 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
     sentences = [_what(result, session)]
     if checked is not None and not failed:
         sentences.append(checked.headline)
-    if not result.only_magnetometer:
+    if result.has_accel:
         sentences.append(_accelerometer(result))
     if result.gyro is not None:
         sentences.append(_gyroscope(result))
@@ -83,7 +89,7 @@ def verdict(result: CalibrationResult, session: SessionSummary | None = None) ->
 
 
 def _calibrated(result: CalibrationResult) -> str:
-    names = [] if result.only_magnetometer else ["accelerometer"]
+    names = ["accelerometer"] if result.has_accel else []
     names += [] if result.gyro is None else ["gyroscope"]
     names += [] if result.mag is None else ["magnetometer"]
     listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
@@ -111,7 +117,7 @@ def left_out_ratio(result: CalibrationResult) -> float | None:
 def _own_observations(result: CalibrationResult, session: SessionSummary | None) -> list[str]:
     stated = result.gravity.known or result.only_magnetometer
     found = [] if stated else [gravity_sentence(result.gravity)]
-    if result.accel_errors.held_out is None and not result.only_magnetometer:
+    if result.accel_errors.held_out is None and result.has_accel:
         found.append(
             "No pose was kept out of the fit, so nothing here shows how accurate the "
             "accelerometer is; a residual of the fit does not."
@@ -142,7 +148,7 @@ def _own_observations(result: CalibrationResult, session: SessionSummary | None)
 
 
 def _stages(result: CalibrationResult) -> list[tuple[str, ErrorStages]]:
-    stages = [("accelerometer", result.accel_errors)]
+    stages = [("accelerometer", result.accel_errors)] if result.has_accel else []
     return stages if result.gyro is None else [*stages, ("gyroscope", result.gyro_errors)]
 
 

@@ -192,8 +192,9 @@ def test_session_provenance_and_use_are_stated(standard):
 def test_every_figure_labels_its_axes_with_units_and_says_what_it_shows(standard):
     _, page = standard
     captions = [text for text in page.texts("b") if text.startswith("Figure")]
-    assert [caption.split(".")[0] for caption in captions] == [f"Figure {i}" for i in range(1, 7)]
+    assert [caption.split(".")[0] for caption in captions] == [f"Figure {i}" for i in range(1, 8)]
     units = [
+        {"[mg]"},
         {"[mg]"},
         {"[mg]"},
         {"[m/s²]", "[s]"},
@@ -241,7 +242,7 @@ def test_an_accelerometer_alone(make_result, truth):
     page = Page(calibration_report(make_result(12, gyro=False), truth=truth))
     assert "Accelerometer calibrated; nothing needs attention" in page.text
     assert "Gyroscope" not in page.text
-    assert len(page.figures) == 4
+    assert len(page.figures) == 5
 
 
 def test_warnings_stand_before_every_figure(make_result):
