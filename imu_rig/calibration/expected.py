@@ -117,6 +117,7 @@ class Design:
             mountings=rotation.to_matrix(self._mounted()),
             t=self.begin + self.settle + 0.5 * still,
             accel=force,
+            force=force,
             accel_sigma=np.hypot(ACCEL_DENSITY / np.sqrt(2.0 * still), ACCEL_FLICKER),
             gyro=np.zeros((len(self), 3)),
             gyro_sigma=np.repeat((GYRO_DENSITY / np.sqrt(2.0 * still))[:, None], 3, axis=1),

@@ -19,10 +19,10 @@ from imu_rig.calibration.direction import (
 )
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gyro_bias import track_bias
-from imu_rig.calibration.joint_data import JointData, joint_data
-from imu_rig.calibration.joint_faults import DISTRUST, check_labels, find_jig_faults, locked
-from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, start
-from imu_rig.calibration.joint_model import G_SENSITIVITY, Prior, attitudes, offsets
+from imu_rig.calibration.joint_data import joint_data
+from imu_rig.calibration.joint_faults import check_labels, repair
+from imu_rig.calibration.joint_fit import JointFit, fit_joint, start
+from imu_rig.calibration.joint_model import G_SENSITIVITY, attitudes, offsets
 from imu_rig.calibration.joint_result import (
     gain_at_zero,
     gyro_model,
@@ -33,12 +33,10 @@ from imu_rig.calibration.joint_result import (
     without_move,
 )
 from imu_rig.calibration.joint_tests import (
-    drift_finding,
-    drift_shows,
+    drift_findings,
     g_sensitivity_finding,
     g_sensitivity_shows,
     nonlinearity_findings,
-    with_drift,
     with_g_sensitivity,
 )
 from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
@@ -49,8 +47,6 @@ from imu_rig.calibration.session import AccelOutcome, CommandedPoses, GyroOutcom
 from imu_rig.errors import DataError
 from imu_rig.units import DEG, MILLI_G
 
-NO_TRUST = 180.0 * DEG
-"""Standard deviation of the servos in a pose whose label counts for nothing."""
 SET_ASIDE = 1e3
 """Factor on the noise of a still that the others contradict."""
 
@@ -99,50 +95,30 @@ def _solve(
 ) -> _Solved:
     names = session.names
     findings = [_bad_still(session, radial, i) for i in np.flatnonzero(~radial.used).tolist()]
-    data = joint_data(session, commanded, moves)
+    data = joint_data(session, commanded, moves, radial.affine)
     data = replace(data, accel_sigma=data.accel_sigma * np.where(radial.used, 1.0, SET_ASIDE))
     labels = check_labels(data, radial.affine, start(data, radial.affine), names)
     findings += labels.findings
     usable = labels.usable
     names = tuple(name for name, keep in zip(names, usable, strict=True) if keep)
     data = replace(data, angles=labels.angles).only(usable)
-    free = fit_joint(data, _distrust(data), start(data, radial.affine), components=False)
-    faults = find_jig_faults(free, names)
+    mended = repair(data, start(data, radial.affine), names)
     place = np.flatnonzero(usable)
-    findings += [replace(f, poses=tuple(int(place[i]) for i in f.poses)) for f in faults.findings]
-    begin = replace(free.state, deviation=free.state.deviation - (faults.angles - data.angles))
-    data = replace(data, angles=faults.angles)
-    prior = default_prior(data)
-    prior = replace(
-        prior,
-        servo=np.where(faults.distrusted[:, None], NO_TRUST, prior.servo),
-        wobble=np.where(faults.distrusted, NO_TRUST, prior.wobble),
-    )
-    fit = fit_joint(data, prior, begin)
+    findings += [replace(f, poses=tuple(int(place[i]) for i in f.poses)) for f in mended.findings]
+    prior = mended.prior
+    fit = fit_joint(mended.data, prior, mended.state)
     if g_sensitivity_shows(fit):
         prior = with_g_sensitivity(prior)
         fit = fit_joint(data, prior, fit.state)
-        fit, session, G = _without_g_sensitivity(session, usable, fit)
+        fit, session, G = _without_g_sensitivity(session, usable, fit, radial.affine)
         findings.append(g_sensitivity_finding(G))
-    if drift_shows(fit):
-        prior = with_drift(fit.prior)
-        fit = fit_joint(fit.data, prior, fit.state)
-        findings.append(drift_finding(fit))
+    findings += drift_findings(fit)
     findings += nonlinearity_findings(fit)
     return _Solved(fit, usable, tuple(findings), session)
 
 
-def _distrust(data: JointData) -> Prior:
-    """Assumptions that give every pose the freedom to stand where gravity and gyroscope put it.
-
-    Where pan and roll share an axis, servos alone could not put it there.
-    """
-    prior = default_prior(data, servo=DISTRUST)
-    return replace(prior, wobble=np.where(locked(data), DISTRUST, prior.wobble))
-
-
 def _without_g_sensitivity(
-    session: Session, usable: BoolArray, fit: JointFit
+    session: Session, usable: BoolArray, fit: JointFit, accel: Affine
 ) -> tuple[JointFit, Session, FloatArray]:
     """Take the estimated g-sensitivity off every sample and fit what is left of it.
 
@@ -151,8 +127,8 @@ def _without_g_sensitivity(
     G = fit.state.common[G_SENSITIVITY].reshape(3, 3)
     block, stills = session.block, session.stills
     feigned = G.T / session.gravity.value
-    block = replace(block, gyro=block.gyro - block.accel @ feigned)
-    stills = replace(stills, gyro_mean=stills.gyro_mean - stills.accel_mean @ feigned)
+    block = replace(block, gyro=block.gyro - accel.apply(block.accel) @ feigned)
+    stills = replace(stills, gyro_mean=stills.gyro_mean - accel.apply(stills.accel_mean) @ feigned)
     session = replace(session, block=block, stills=stills)
     kept = stills.only(usable)
     moves = moves_between(block, kept, kept.gyro_mean, session.gyro_bad)
@@ -177,7 +153,7 @@ def _bad_still(session: Session, radial: MagnitudeFit, i: int) -> Finding:
 def _outcome(session: Session, solved: _Solved) -> Outcome:
     fit, m = solved.fit, len(session.stills)
     line = line_over_one_g(fit)
-    left_out = leave_poses_out(fit)
+    left_out = leave_poses_out(fit, line)
     error, error_sigma = np.full(m, np.nan), np.full(m, np.nan)
     error[solved.usable], error_sigma[solved.usable] = left_out.error, left_out.sigma
     sigma = np.full(m, np.nan)
@@ -236,7 +212,7 @@ def _gyro(solved: _Solved, accel: Affine) -> GyroOutcome:
         last=place[moves.last],
         angle=angles_turned(moves, fit.state.K, offsets(fit.data, fit.state)),
         before=errors_before(moves, stills, track),
-        after=angles_off(fit.turned.q, where),
+        after=angles_off(fit.turned.moved_to(fit.data, fit.state), where),
         held_out=angles_off(np.array(unseen).reshape(-1, 4), where),
         sigma=np.sqrt(where.variance) * fit.scales["move"],
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.earth import EARTH_RATE
+from imu_rig.calibration.model import Affine
 from imu_rig.calibration.moves import Moves
 from imu_rig.calibration.session import CommandedPoses, Session
 from imu_rig.units import DEG
@@ -35,6 +36,8 @@ class JointData:
         Middle of each still [s].
     accel : shape (m, 3)
         Mean raw specific force [m/s^2].
+    force : shape (m, 3)
+        The same calibrated well enough to say how a gyroscope feels it [m/s^2].
     accel_sigma : shape (m,)
         Standard error of the mean along gravity [m/s^2].
     gyro, gyro_sigma : shape (m, 3)
@@ -56,6 +59,7 @@ class JointData:
     mountings: FloatArray
     t: FloatArray
     accel: FloatArray
+    force: FloatArray
     accel_sigma: FloatArray
     gyro: FloatArray
     gyro_sigma: FloatArray
@@ -76,7 +80,7 @@ class JointData:
         moved = keep[self.moves.first] & keep[self.moves.last]
         moves = self.moves.only(moved)
         moves = replace(moves, first=place[moves.first], last=place[moves.last])
-        poses = ("angles", "mounting", "t", "accel", "accel_sigma", "gyro", "gyro_sigma")
+        poses = ("angles", "mounting", "t", "accel", "force", "accel_sigma", "gyro", "gyro_sigma")
         return replace(
             self,
             moves=moves,
@@ -108,7 +112,9 @@ def white_rate(gyro_sigma: FloatArray, duration: FloatArray) -> float:
     return float(np.sqrt(np.quantile(variance, 0.25)))
 
 
-def joint_data(session: Session, commanded: CommandedPoses, moves: Moves) -> JointData:
+def joint_data(
+    session: Session, commanded: CommandedPoses, moves: Moves, accel: Affine
+) -> JointData:
     """Summarize a session.
 
     Parameters
@@ -119,6 +125,8 @@ def joint_data(session: Session, commanded: CommandedPoses, moves: Moves) -> Joi
         One row per still.
     moves : Moves
         Moves between neighbouring stills; those across a change of mounting are left out.
+    accel : Affine
+        Accelerometer from gravity's magnitude alone.
     """
     stills = session.stills
     mounting = commanded.mountings
@@ -132,6 +140,7 @@ def joint_data(session: Session, commanded: CommandedPoses, moves: Moves) -> Joi
         mountings=commanded.mounting_matrices(),
         t=0.5 * (stills.t0 + stills.t1),
         accel=stills.accel_mean,
+        force=accel.apply(stills.accel_mean),
         accel_sigma=np.sqrt(np.einsum("mi,mij,mj->m", up, stills.accel_cov, up)),
         gyro=stills.gyro_mean,
         gyro_sigma=stills.gyro_sem,

@@ -1,8 +1,9 @@
 """Finds what is wrong with a jig session: wrong labels, servos that slipped, bumped poses.
 
 Such faults hardly touch the sensor's parameters, for these rest on gravity's magnitude and the
-gyroscope; but they spoil the jig's frame, and a person should know. So the jig is first
-given no more trust than `DISTRUST`, and what its axes then did is judged axis by axis.
+gyroscope; but they spoil the jig's frame, and a person should know. Labels are compared with
+gravity and with the gyroscope's turns. Slips and bumps are looked for by score tests: how much
+better would the whole fit be if an axis had jumped there, or a pose stood turned?
 """
 
 from __future__ import annotations
@@ -12,39 +13,42 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imu_rig import rotation
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.joint_data import JointData
-from imu_rig.calibration.joint_fit import JointFit, unit
-from imu_rig.calibration.joint_model import SERVO_GAIN, TILT_ZERO, JointState, attitudes
+from imu_rig.calibration.joint_fit import JointFit, default_prior, fit_joint, unit
+from imu_rig.calibration.joint_model import (
+    ROWS_OF,
+    JointState,
+    Prior,
+    attitudes,
+    offsets,
+)
 from imu_rig.calibration.model import Affine
+from imu_rig.calibration.moves import integrate
 from imu_rig.units import DEG
 
-DISTRUST = 6.0 * DEG
-"""Standard deviation of a servo's angle while faults are looked for [rad]."""
 FAR_OFF = 12.0 * DEG
 """Angle between gravity and its label beyond anything a servo does."""
 OTHER_LABEL = 10.0 * DEG
 """Angle within which gravity fits the label of another pose."""
+WRONG_TURN = 25.0 * DEG
+"""Angle between a turn by the gyroscope and the one between two labels that is no servo's error."""
 AXES = ("pan", "tilt", "roll")
-LOCKED = 0.3
-"""Cosine of tilt below which pan and roll turn about nearly the same axis."""
-SERVO_SPREAD = 0.7 * DEG
-"""Error that a hobby servo makes anew whenever it is driven: repeatability, backlash, gears."""
-POSE_SPREAD = 0.4 * DEG
-"""Error from pose to pose of a servo that was not driven."""
-USUAL_GAIN = 0.03
-SLIP_GAIN = 20.0
-"""Drop of the weighted square sum, over that of noise, that makes a step or a single pose count."""
-MOST_STEPS = 5
-NORMAL_MEDIAN = 0.6745
-SMALLEST_SLIP = 1.5 * DEG
-BUMP_SIGMAS = 4.5
-"""Deviation of a pose, in the typical one per axis, that no servo makes once in five thousand poses
-(chi with three degrees of freedom)."""
-SMALLEST_BUMP = 3.2 * DEG
+USUAL_SPREAD = 0.7 * DEG
+"""What a hobby servo errs by anew whenever it is driven: repeatability, backlash, gears."""
+SURPRISE = 25.0
+"""Drop of the weighted square sum, over that of usual scatter, that makes a fault."""
+SMALLEST_SLIP = 2.0 * DEG
+CLEAR = 1.3 * DEG
+"""Standard uncertainty of a slip's size above which it is not called one."""
+SMALLEST_BUMP = 2.5 * DEG
 """What the dead band of a winch servo can do to a pose without being a fault [rad]."""
-CHI3_MEDIAN = 1.538
+MOST_FAULTS = 4
+NO_TRUST = 180.0 * DEG
+"""Standard deviation of the servos in a pose whose label counts for nothing."""
+NORMAL_MEDIAN = 0.6745
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +61,7 @@ class Labels:
 
 
 def check_labels(data: JointData, accel: Affine, state: JointState, names: Sequence[str]) -> Labels:
-    """Compare gravity in every pose with what the commanded angles say.
+    """Compare gravity and the turns between poses with what the commanded angles say.
 
     Parameters
     ----------
@@ -71,26 +75,27 @@ def check_labels(data: JointData, accel: Affine, state: JointState, names: Seque
         Names of the poses.
     """
     seen = unit(accel.apply(data.accel))
-    told = attitudes(data, state).A[:, 2, :]
+    A = attitudes(data, state).A
+    told = A[:, 2, :]
     off = _angle(seen, told)
-    limit = max(6.0 * float(np.median(off)), FAR_OFF)
-    angles, usable = data.angles.copy(), np.ones(len(data), dtype=bool)
-    findings: list[Finding] = []
-    far = np.flatnonzero(off > limit)
+    far = np.flatnonzero(off > max(6.0 * float(np.median(off)), FAR_OFF))
     match = np.array([_angle(seen[i], told) for i in far]).reshape(len(far), len(data))
     match[data.mounting[far][:, None] != data.mounting] = np.inf
-    for i, j in _relabelled(far, match).items():
-        if j is None:
-            usable[i] = False
-            text = (
-                f"{_name(names, i)} stands {off[i] / DEG:.0f} degrees from where the jig was told "
-                "to go; it was left out."
-            )
-            findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
-        else:
+    fits = _relabelled(far, match)
+    fits |= _turned_pairs(data, state, A, fits)
+    angles, usable = data.angles.copy(), np.ones(len(data), dtype=bool)
+    findings: list[Finding] = []
+    for i, j in fits.items():
+        if j is not None:
             angles[i] = data.angles[j]
-    findings += _mislabelled(_relabelled(far, match), names)
-    return Labels(angles, usable, tuple(findings))
+            continue
+        usable[i] = False
+        text = (
+            f"{_name(names, i)} stands {off[i] / DEG:.0f} degrees from where the jig was told to "
+            "go; it was left out."
+        )
+        findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
+    return Labels(angles, usable, (*findings, *_mislabelled(fits, names)))
 
 
 def _relabelled(far: IntArray, match: FloatArray) -> dict[int, int | None]:
@@ -125,6 +130,41 @@ def _relabelled(far: IntArray, match: FloatArray) -> dict[int, int | None]:
     return fits
 
 
+def _turned_pairs(
+    data: JointData, state: JointState, A: FloatArray, known: dict[int, int | None]
+) -> dict[int, int | None]:
+    """Find poses with the same gravity whose labels were exchanged: their turns do not fit."""
+    if not data.has_gyro or len(data.moves) == 0:
+        return {}
+    q = rotation.to_matrix(integrate(data.moves, state.K, offsets(data, state)))
+    first, last = data.moves.first, data.moves.last
+    label = np.arange(len(A))
+    for i, j in known.items():
+        label[i] = i if j is None else j
+
+    def misfit(labels: IntArray) -> FloatArray:
+        B = A[labels]
+        return _turn(q, np.swapaxes(B[first], 1, 2) @ B[last])
+
+    wrong = misfit(label) > WRONG_TURN
+    ends = np.concatenate((first, last))
+    moves = np.bincount(ends, minlength=len(A))
+    bad = np.bincount(ends, weights=np.tile(wrong, 2).astype(float), minlength=len(A))
+    suspects = np.flatnonzero((bad == moves) & (moves > 0))
+    suspects = suspects[[int(i) not in known for i in suspects]]
+    best: tuple[int, int] | None = None
+    now = float(np.sum(misfit(label)))
+    for a in suspects.tolist():
+        for b in suspects.tolist():
+            if a < b and data.mounting[a] == data.mounting[b]:
+                trial = label.copy()
+                trial[a], trial[b] = label[b], label[a]
+                then = misfit(trial)
+                if not np.any(then > WRONG_TURN) and float(then.sum()) < now:
+                    now, best = float(then.sum()), (a, b)
+    return {} if best is None else {best[0]: best[1], best[1]: best[0]}
+
+
 def _mislabelled(fits: dict[int, int | None], names: Sequence[str]) -> list[Finding]:
     found = []
     for i, j in fits.items():
@@ -146,141 +186,147 @@ def _mislabelled(fits: dict[int, int | None], names: Sequence[str]) -> list[Find
 
 
 @dataclass(frozen=True, eq=False)
-class JigFaults:
-    """Commanded angles with slips taken into account, poses whose servos count for nothing."""
+class Repaired:
+    """A session with its faults taken into account.
 
-    angles: FloatArray
-    distrusted: BoolArray
+    Attributes
+    ----------
+    data : JointData
+        Commanded angles with slips added.
+    prior : Prior
+        Assumptions that trust no angle of a bumped pose.
+    state : JointState
+        Where to start from.
+    findings : tuple of Finding
+        What was found.
+    """
+
+    data: JointData
+    prior: Prior
+    state: JointState
     findings: tuple[Finding, ...]
 
 
-def find_jig_faults(fit: JointFit, names: Sequence[str]) -> JigFaults:
-    """Look for slips and bumps in a fit that gave the servos the freedom of `DISTRUST`."""
-    data, p = fit.data, fit.state.common
-    angles = data.angles.copy()
-    free = ~locked(data)
+def repair(data: JointData, begin: JointState, names: Sequence[str]) -> Repaired:
+    """Take slips and bumps out of a session, the most telling first."""
     findings: list[Finding] = []
-    lines = np.zeros((len(data), 3))
-    for axis, name in enumerate(AXES):
-        judged = np.ones(len(data), dtype=bool) if name == "tilt" else free
-        y = fit.state.deviation[:, axis] + p[SERVO_GAIN][axis] * data.angles[:, axis]
-        if name == "tilt":
-            y = y + p[TILT_ZERO]
-        line, step, at = _line_and_step(data.angles[:, axis], y, judged)
-        lines[:, axis] = line
-        if step is None:
-            continue
-        at = _slipped_from(fit, lines, axis, step, at, free)
-        angles[at:, axis] += step
-        lines[at:, axis] += step
-        text = (
-            f"The {name} servo slipped by {step / DEG:+.1f} degrees on the way to "
-            f"{_name(names, at)} and stayed there; its angles were corrected from there on."
-        )
-        findings.append(Finding("slip", text, (at,), axis=name, size=float(step / DEG)))
-    on_line = _on_line(fit, lines)
-    off = _turn(fit.attitudes().A, on_line)
-    spread = float(np.median(off)) / CHI3_MEDIAN
-    bumped = off > max(BUMP_SIGMAS * spread, SMALLEST_BUMP)
-    far = np.flatnonzero(off > max(BUMP_SIGMAS * spread, FAR_OFF))
-    match = np.array([_turn(fit.attitudes().A[i], on_line) for i in far]).reshape(-1, len(data))
-    match[data.mounting[far][:, None] != data.mounting] = np.inf
-    fits = _relabelled(far, match)
-    for i, j in fits.items():
-        if j is not None:
-            angles[i], bumped[i] = data.angles[j], False
-    findings += _mislabelled(fits, names)
-    for i in np.flatnonzero(bumped).tolist():
-        text = (
-            f"{_name(names, i)} stands {off[i] / DEG:.1f} degrees from where the servos put "
-            "it, as if the plate was bumped there; its angles were not used."
-        )
-        findings.append(Finding("bumped", text, (i,), size=float(off[i] / DEG)))
-    return JigFaults(angles, bumped, tuple(findings))
-
-
-def _slipped_from(
-    fit: JointFit, lines: FloatArray, axis: int, step: float, at: int, free: BoolArray
-) -> int:
-    """First pose that stands where the slip puts it, counting in those that could not be judged."""
-    while at > 1 and not free[at - 1]:
-        after = lines.copy()
-        after[at - 1, axis] += step
-        seen = fit.attitudes().A[at - 1]
-        if _turn(seen, _on_line(fit, after)[at - 1]) > _turn(seen, _on_line(fit, lines)[at - 1]):
+    prior, state = default_prior(data, servo=USUAL_SPREAD), begin
+    for _ in range(MOST_FAULTS + 1):
+        fit = fit_joint(data, prior, state, components=False)
+        state = fit.state
+        fault = _most_telling(fit) if len(findings) < MOST_FAULTS else None
+        if fault is None:
             break
-        at -= 1
-    return at
+        pose, name = fault.pose, _name(names, fault.pose)
+        if fault.axis is None:
+            text = (
+                f"{name} stands {fault.size / DEG:.1f} degrees from where the servos put it, as if "
+                "the plate was bumped there; its angles were not used."
+            )
+            findings.append(Finding("bumped", text, (pose,), size=fault.size / DEG))
+            servo, wobble = prior.servo.copy(), prior.wobble.copy()
+            servo[pose], wobble[pose] = NO_TRUST, NO_TRUST
+            prior = replace(prior, servo=servo, wobble=wobble)
+            continue
+        text = (
+            f"The {AXES[fault.axis]} servo slipped by {fault.size / DEG:+.1f} degrees on the way "
+            f"to {name[0].lower() + name[1:]} and stayed there; its angles were corrected from "
+            "there on."
+        )
+        slip = Finding("slip", text, (pose,), axis=AXES[fault.axis], size=fault.size / DEG)
+        findings.append(slip)
+        angles = data.angles.copy()
+        angles[pose:, fault.axis] += fault.size
+        data = replace(data, angles=angles)
+    usual = default_prior(data)
+    trusted = prior.servo < NO_TRUST
+    prior = replace(prior, servo=np.where(trusted, usual.servo, prior.servo))
+    return Repaired(data, prior, state, tuple(findings))
 
 
-def locked(data: JointData) -> BoolArray:
-    """Poses (m,) in which pan and roll turn about nearly the same axis."""
-    return np.asarray(np.abs(np.cos(data.angles[:, 1])) < LOCKED)
+@dataclass(frozen=True)
+class _Fault:
+    """A slip of an axis from a pose on, or a pose that stands turned (no axis); size [rad]."""
+
+    pose: int
+    axis: int | None
+    size: float
 
 
-def _on_line(fit: JointFit, lines: FloatArray) -> FloatArray:
-    """Attitudes (m, 3, 3) of a jig whose servos err by ``lines`` (m, 3) only."""
-    common = fit.state.common.copy()
-    common[SERVO_GAIN] = 0.0
-    common[TILT_ZERO] = 0.0
-    still = np.zeros_like(fit.state.wobble)
-    return attitudes(fit.data, replace(fit.state, common=common, deviation=lines, wobble=still)).A
+def _most_telling(fit: JointFit) -> _Fault | None:
+    """Return the slip or bump that would explain most of what is left, if it is no chance."""
+    m, places = len(fit.data), fit.places
+    latent = [ROWS_OF[name] for name in ("pan", "tilt", "roll", "held", "wobble")]
+    real = ~np.isin(fit.rows.kind, [*latent, ROWS_OF["prior"]])
+    J = fit.rows.jacobian * fit.weight[:, None]
+    by_angle = (J * real[:, None])[:, places.deviation].reshape(-1, m, 3)
+    by_turn = (J * real[:, None])[:, places.wobble].reshape(-1, m, 3)
+    # An axis that jumps at a pose takes all later ones of its mounting with it.
+    late = np.cumsum(by_angle[:, ::-1], axis=1)[:, ::-1]
+    steps = _Scores.of(fit, J, late[:, 1:].reshape(len(J), -1))
+    turns = _Scores.of(fit, J, by_turn.reshape(len(J), -1))
+    drops, sizes = steps.single()
+    steps_drop, steps_size = drops.reshape(m - 1, 3), sizes.reshape(m - 1, 3)
+    turn_drop, turn_size = turns.triple()
+    spread = _spread(fit)
+    # A jump of the outermost stops is hardly told from a servo's gain: its size says nothing.
+    clear = steps.uncertainty().reshape(m - 1, 3) < CLEAR
+    allowed = clear & (np.abs(steps_size) > SMALLEST_SLIP)
+    steps_drop = np.where(allowed, steps_drop, 0.0)
+    turn_drop = np.where(np.linalg.norm(turn_size, axis=1) > SMALLEST_BUMP, turn_drop, 0.0)
+    k, axis = np.unravel_index(int(np.argmax(steps_drop)), steps_drop.shape)
+    i = int(np.argmax(turn_drop))
+    if max(steps_drop[k, axis], turn_drop[i]) < SURPRISE * spread**2:
+        return None
+    if steps_drop[k, axis] >= turn_drop[i]:
+        return _Fault(int(k) + 1, int(axis), float(steps_size[k, axis]))
+    return _Fault(i, None, float(np.linalg.norm(turn_size[i])))
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Scores (c,) and information (c, c) of columns that a fit lacks."""
+
+    score: FloatArray
+    information: FloatArray
+
+    @staticmethod
+    def of(fit: JointFit, J: FloatArray, X: FloatArray) -> _Scores:
+        reach = J.T @ X
+        information = X.T @ X - reach.T @ fit.covariance @ reach
+        return _Scores(X.T @ (fit.rows.residual * fit.weight), information)
+
+    def single(self) -> tuple[FloatArray, FloatArray]:
+        """Drop of the square sum by each column alone, and its value."""
+        size = np.maximum(np.diag(self.information), 1e-9)
+        return self.score**2 / size, -self.score / size
+
+    def uncertainty(self) -> FloatArray:
+        """Return the standard uncertainty of each column's value."""
+        return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(self.information), 1e-9)))
+
+    def triple(self) -> tuple[FloatArray, FloatArray]:
+        """Drop by each three columns together, and their values (c / 3, 3)."""
+        count = len(self.score) // 3
+        drops, sizes = np.zeros(count), np.zeros((count, 3))
+        for i in range(count):
+            part = slice(3 * i, 3 * i + 3)
+            sizes[i] = -np.linalg.lstsq(self.information[part, part], self.score[part], 1e-6)[0]
+            drops[i] = -float(self.score[part] @ sizes[i])
+        return drops, sizes
+
+
+def _spread(fit: JointFit) -> float:
+    """How much more than usual this jig scatters, a slip or bump aside."""
+    servo = np.isin(fit.rows.kind, [ROWS_OF[name] for name in AXES])
+    left = np.abs(fit.rows.residual * fit.weight)[servo]
+    return max(1.0, float(np.median(left)) / NORMAL_MEDIAN)
 
 
 def _turn(A: FloatArray, B: FloatArray) -> FloatArray:
     """Angle [rad] between attitudes (..., 3, 3)."""
     cosine = 0.5 * (np.sum(A * B, axis=(-2, -1)) - 1.0)
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def _line_and_step(
-    x: FloatArray, y: FloatArray, judged: BoolArray
-) -> tuple[FloatArray, float | None, int]:
-    """Line through y(x), with the step that explains most; (m,), step or None, its pose.
-
-    A servo errs anew whenever it is driven and stays as it is while the other axes move, so its
-    errors are correlated from pose to pose. Steps and single poses that are off are taken up
-    one by one, the most telling first: a bumped pose shall not look like half a slip.
-    """
-    driven = np.concatenate(([0], np.cumsum(np.abs(np.diff(x)) > 1e-9)))
-    same = driven[:, None] == driven[None, :]
-    noise = np.where(same, SERVO_SPREAD**2, 0.0) + POSE_SPREAD**2 * np.eye(len(x))
-    keep = np.flatnonzero(judged)
-    W = np.linalg.inv(np.linalg.cholesky(noise[np.ix_(keep, keep)]))
-    late = (keep[:, None] >= keep[None, 1:]).astype(float)
-    candidates = np.concatenate((late, np.eye(len(keep))), axis=1)
-    chosen: list[int] = []
-    D = W @ np.stack((np.ones(len(keep)), x[keep]), axis=1)
-    target, trial = W @ y[keep], W @ candidates
-    for _ in range(MOST_STEPS):
-        residual = target - D @ _ridge(D, target)
-        free = trial - D @ _ridge(D, trial)
-        size = np.sum(free * trial, axis=0)
-        gain = np.where(size > 1e-6, (free.T @ residual) ** 2 / np.maximum(size, 1e-6), 0.0)
-        gain[chosen] = 0.0
-        best = int(np.argmax(gain))
-        with_it = np.column_stack((D, trial[:, best]))
-        # What is left then tells how well this jig repeats, worse than usual perhaps.
-        left = np.abs(target - with_it @ _ridge(with_it, target))
-        spread = max(1.0, float(np.median(left)) / NORMAL_MEDIAN)
-        if gain[best] < SLIP_GAIN * spread**2:
-            break
-        chosen.append(best)
-        D = with_it
-    p = _ridge(D, target)
-    line = p[0] + p[1] * x
-    steps = [(abs(p[2 + i]), i) for i, c in enumerate(chosen) if c < len(keep) - 1]
-    if not steps or max(steps)[0] < SMALLEST_SLIP:
-        return line, None, 0
-    i = max(steps)[1]
-    return line, float(p[2 + i]), int(keep[chosen[i] + 1])
-
-
-def _ridge(D: FloatArray, y: FloatArray) -> FloatArray:
-    """Least squares with a servo's usual gain error as prior of the second column."""
-    prior = np.zeros(D.shape[1])
-    prior[1] = 1.0 / USUAL_GAIN**2
-    return np.asarray(np.linalg.solve(D.T @ D + np.diag(prior + 1e-12), D.T @ y))
 
 
 def _name(names: Sequence[str], i: int) -> str:

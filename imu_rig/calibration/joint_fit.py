@@ -8,7 +8,7 @@ thought says nothing about the accelerometer's noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -20,6 +20,7 @@ from imu_rig.calibration.joint_model import (
     ACCEL_OFFSET,
     BASE,
     CLASSES,
+    DRIFT,
     EARTH,
     GYRO_GAIN,
     MOUNTING,
@@ -41,10 +42,12 @@ from imu_rig.calibration.joint_model import (
 )
 from imu_rig.calibration.magnitude import UPPER
 from imu_rig.calibration.model import Affine
-from imu_rig.units import DEG, STANDARD_GRAVITY
+from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
 SERVO = 0.5 * DEG
 """Repeatability of a hobby servo to start from [rad]."""
+HELD = 0.1 * DEG
+"""Change of an axis from pose to pose while its servo holds, to start from [rad]."""
 WOBBLE = 0.1 * DEG
 """Rotation of a pose that no servo explains: play of bearings, a plate that bends [rad]."""
 MOUNTING_SIGMA = 5.0 * DEG
@@ -52,6 +55,8 @@ FULL_SCALE = 2.0
 """Range [g] that a data sheet's nonlinearity refers to."""
 SHEET_NONLINEARITY = 0.005
 """Error at full scale over full scale that an accelerometer's data sheet allows."""
+USUAL_DRIFT = np.array([0.25 * MILLI_G] * 3 + [1e-4] * 2)
+"""Change during a session to start from: half a degree of warming at 0.5 mg and 0.02 % each."""
 SCALE_DOF = 4.0
 """Weight of the start value of a scale, in observations."""
 VARIANCE_FROM = 3
@@ -63,6 +68,8 @@ SETTLED = 0.02
 """Largest relative change of a scale that ends the iteration."""
 INTEGRATE_AGAIN = 2e-3
 """Change of the gyroscope's gain that makes the linearized moves worth another integration."""
+INTEGRATED = 2e-5
+"""The same at the solution: a turn of pi is then right to a thousandth of its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,23 +114,16 @@ class JointFit:
         """Attitudes of the poses at the solution."""
         return attitudes(self.data, self.state)
 
-    def dof(self, direction: FloatArray) -> float:
-        """Effective degrees of freedom (Satterthwaite) of a linear figure ``direction (p,)``."""
-        parts = self._variance_parts(direction)
-        total = sum(parts.values())
-        spread = sum(
-            part**2 / (self.redundancy[name] + SCALE_DOF)
-            for name, part in parts.items()
-            if name != "prior"
-        )
-        return float(total**2 / spread) if spread > 0 else float("inf")
-
-    def _variance_parts(self, direction: FloatArray) -> dict[str, float]:
-        reach = (self.rows.jacobian * self.weight[:, None]) @ (self.covariance @ direction)
-        return {
-            name: float(np.sum(reach[self.rows.kind == number] ** 2))
-            for name, number in ROWS_OF.items()
-        }
+    def dofs(self, directions: FloatArray) -> FloatArray:
+        """Effective degrees of freedom (Satterthwaite) of linear figures ``directions (p, k)``."""
+        reach = (self.rows.jacobian * self.weight[:, None]) @ (self.covariance @ directions)
+        total, spread = np.zeros(reach.shape[1]), np.zeros(reach.shape[1])
+        for name, number in ROWS_OF.items():
+            part = np.sum(reach[self.rows.kind == number] ** 2, axis=0)
+            total += part
+            if name != "prior":
+                spread += part**2 / (self.redundancy[name] + SCALE_DOF)
+        return np.asarray(total**2 / np.maximum(spread, 1e-300))
 
 
 def default_prior(data: JointData, *, servo: float = SERVO) -> Prior:
@@ -139,12 +139,15 @@ def default_prior(data: JointData, *, servo: float = SERVO) -> Prior:
     sigma[[TILT_SKEW, ROLL_SKEW]] = 1.5 * DEG
     sigma[BASE] = 2.0 * DEG
     sigma[EARTH] = data.earth_sigma
+    sigma[DRIFT] = USUAL_DRIFT
     return Prior(
         sigma=sigma,
         mounting=MOUNTING_SIGMA,
         servo=np.full((len(data), 3), servo),
+        held=HELD,
         wobble=np.full(len(data), WOBBLE),
         walk=BIAS_WALK,
+        walk_in_moves=BIAS_WALK,
     )
 
 
@@ -228,27 +231,31 @@ def fit_joint(
             predicted = rows.residual + rows.jacobian @ step
             before = scales
             scales, redundancy = _scales(rows, predicted, J, covariance, scales)
+            prior = replace(prior, walk_in_moves=prior.walk * scales[ROWS_OF["walk"]])
             settled = bool(np.max(np.abs(np.log(scales / before))) < SETTLED)
         else:
             settled = not components
         size = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
         state = state.moved(step, places)
-        converged = bool(settled and size < CONVERGED)
-        if converged:
-            break
-    return _finished(data, prior, state, scales, redundancy, converged)
+        if settled and size < CONVERGED:
+            # The last steps must stand on moves that were integrated where they ended.
+            converged = bool(np.max(np.abs(state.K - turned.state.K)) < INTEGRATED)
+            if converged:
+                break
+            turned = Turned.at(data, state)
+    return _finished(data, prior, state, turned, scales, redundancy, converged)
 
 
 def _finished(
     data: JointData,
     prior: Prior,
     state: JointState,
+    turned: Turned,
     scales: FloatArray,
     redundancy: FloatArray,
     converged: bool,
 ) -> JointFit:
     places = Places.of(data)
-    turned = Turned.at(data, state)
     rows = system(data, state, turned, prior, places)
     weight = 1.0 / (rows.sigma * scales[rows.kind])
     J = rows.jacobian * weight[:, None]
@@ -287,7 +294,8 @@ def predict(data: JointData, prior: Prior | None = None) -> JointFit:
         bias=np.zeros((len(data), 3)),
     )
     ones = np.ones(len(CLASSES))
-    return _finished(data, prior, state, ones, np.full(len(CLASSES), np.inf), True)
+    turned = Turned.at(data, state)
+    return _finished(data, prior, state, turned, ones, np.full(len(CLASSES), np.inf), True)
 
 
 def _scales(

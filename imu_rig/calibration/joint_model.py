@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imu_rig import rotation
-from imu_rig.arrays import FloatArray, IntArray
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.calibration.joint_data import JointData
 from imu_rig.calibration.magnitude import UPPER
 from imu_rig.calibration.moves import integrate_with_slopes
@@ -31,14 +31,27 @@ ROLL_SKEW = 29
 BASE = slice(30, 32)
 EARTH = slice(32, 35)
 G_SENSITIVITY = slice(35, 44)
-DRIFT = slice(44, 48)
-MOUNTING = 48
+DRIFT = slice(44, 49)
+MOUNTING = 49
 """Where the mountings begin, three numbers each; deviations, wobbles and biases of the poses
 follow."""
-CLASSES = ("accel", "rest", "walk", "move", "pan", "tilt", "roll", "wobble", "prior")
+CLASSES = (
+    "accel",
+    "rest",
+    "walk",
+    "move",
+    "pan",
+    "tilt",
+    "roll",
+    "held",
+    "wobble",
+    "drift",
+    "prior",
+)
 """Kinds of rows, each with a size of its own."""
 ROWS_OF = {name: number for number, name in enumerate(CLASSES)}
-_Z = np.array([0.0, 0.0, 1.0])
+DISTRUSTED = 1.0
+"""Standard deviation beyond which a servo's angle counts for nothing [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +60,13 @@ class JointState:
 
     Attributes
     ----------
-    common : shape (48,)
+    common : shape (49,)
         The unknowns common to all poses, in the order of the slices of this module. The
         accelerometer's upper triangular gain T and offset o [m/s^2]: ``force = T (raw - g s) - o``
         with the nonlinearity ``s``, quadratic and cubic share of 1 g; the gyroscope's gain K;
         gains of the servos, zero of tilt, the two skews [rad]; base (kept as a matrix instead);
-        rotation of the Earth [rad/s]; g-sensitivity row by row [rad/s per g, raw]; drift of the raw
-        offset [m/s^2] and of the gain [1] from begin to end.
+        rotation of the Earth [rad/s]; g-sensitivity row by row [rad/s per g, raw]; drift from begin
+        to end of the accelerometer's raw offset [m/s^2], of its gain and of the gyroscope's [1].
     base : shape (3, 3)
         Base of the jig to navigation axes.
     mounting : shape (k, 3, 3)
@@ -152,6 +165,8 @@ class Turned:
         turn = self.slope[:, :, :9] @ gain
         turn += np.einsum("nij,nj->ni", self.slope[:, :, 9:12], change[first])
         turn += np.einsum("nij,nj->ni", self.slope[:, :, 12:], change[last])
+        warmer = state.common[DRIFT][4] * _lateness(data)[last]
+        turn += self.slope[:, :, :9] @ state.K.ravel() * warmer[:, None]
         return rotation.multiply(self.q, rotation.from_rotation_vector(turn))
 
 
@@ -202,7 +217,7 @@ def attitudes(data: JointData, state: JointState) -> Attitudes:
 def offsets(data: JointData, state: JointState) -> FloatArray:
     """Raw rate of the gyroscope at rest without the Earth's rotation, (m, 3) [rad/s]."""
     G = state.common[G_SENSITIVITY].reshape(3, 3)
-    return np.asarray(state.bias + data.accel @ G.T / data.gravity)
+    return np.asarray(state.bias + data.force @ G.T / data.gravity)
 
 
 def forces(data: JointData, state: JointState) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -232,7 +247,7 @@ def system(
         blocks.append(_rest_rows(data, state, where, places))
         blocks.append(_walk_rows(data, state, prior, places))
         blocks.append(_move_rows(data, state, where, turned, prior, places))
-    blocks += _latent_rows(state, prior, places)
+    blocks += _latent_rows(data, state, prior, places)
     blocks.append(_prior_rows(data, state, prior, places))
     return System(
         residual=np.concatenate([b.residual for b in blocks]),
@@ -248,23 +263,30 @@ class Prior:
 
     Attributes
     ----------
-    sigma : shape (48,)
+    sigma : shape (49,)
         Of the common unknowns about `nominal`.
     mounting : float
         Of each mounting's rotation [rad].
     servo : shape (m, 3)
-        Of the servos' deviations [rad]; a large one distrusts that pose's label.
+        Of the servos' deviations where they were driven [rad]; a large one distrusts that pose's
+        label.
+    held : float
+        Of what a deviation changes by from pose to pose while its servo is not driven [rad].
     wobble : shape (m,)
         Of each pose's wobble, per axis [rad].
     walk : float
         Random walk of the gyroscope's bias [rad/s per sqrt(s)].
+    walk_in_moves : float
+        The same as the rotations of the moves feel it between their ends.
     """
 
     sigma: FloatArray
     mounting: float
     servo: FloatArray
+    held: float
     wobble: FloatArray
     walk: float
+    walk_in_moves: float
 
 
 def _accel_rows(data: JointData, state: JointState, where: Attitudes, places: Places) -> System:
@@ -343,6 +365,9 @@ def _move_rows(
     residual = rotation.vector_of_matrix(misfit)
     J = np.zeros((n, 3, places.count))
     J[:, :, GYRO_GAIN] = -turned.slope[:, :, :9]
+    J[:, :, DRIFT.start + 4] = (
+        -(turned.slope[:, :, :9] @ state.K.ravel()) * _lateness(data)[last][:, None]
+    )
     J[:, :, EARTH] = np.swapaxes(end, 1, 2) * T[:, None, None]
     eye = np.broadcast_to(np.eye(3), (n, 3, 3))
     _add_attitude(J, eye, state, data, where, places, last)
@@ -354,7 +379,7 @@ def _move_rows(
         _add_g_sensitivity(J, data, -slope, pose)
     J[:, :, places.bias] = bias.reshape(n, 3, -1)
     # A bias that is known at both ends still walks in between.
-    sigma = np.sqrt(data.move_sigma**2 + prior.walk**2 * T**3 / 12.0)
+    sigma = np.sqrt(data.move_sigma**2 + prior.walk_in_moves**2 * T**3 / 12.0)
     return System(
         residual.ravel(),
         J.reshape(3 * n, -1),
@@ -363,14 +388,30 @@ def _move_rows(
     )
 
 
-def _latent_rows(state: JointState, prior: Prior, places: Places) -> list[System]:
+def driven(data: JointData, prior: Prior) -> BoolArray:
+    """Servos (m, 3) that were driven on the way to each pose, and so err anew there."""
+    anew = np.ones((len(data), 3), dtype=bool)
+    same = (np.abs(np.diff(data.angles, axis=0)) < 1e-9) & (np.diff(data.mounting) == 0)[:, None]
+    trusted = prior.servo < DISTRUSTED
+    anew[1:] = ~(same & trusted[1:] & trusted[:-1])
+    return anew
+
+
+def _latent_rows(data: JointData, state: JointState, prior: Prior, places: Places) -> list[System]:
     m = len(state.bias)
+    anew = driven(data, prior)
     blocks = []
     for axis, name in enumerate(("pan", "tilt", "roll")):
+        place = places.deviation.start + 3 * np.arange(m) + axis
         J = np.zeros((m, places.count))
-        J[np.arange(m), places.deviation.start + 3 * np.arange(m) + axis] = 1.0
-        kind = np.full(m, ROWS_OF[name])
-        blocks.append(System(state.deviation[:, axis], J, prior.servo[:, axis], kind))
+        J[np.arange(m), place] = 1.0
+        residual = state.deviation[:, axis].copy()
+        rests = np.flatnonzero(~anew[:, axis])
+        residual[rests] -= state.deviation[rests - 1, axis]
+        J[rests, place[rests - 1]] = -1.0
+        sigma = np.where(anew[:, axis], prior.servo[:, axis], prior.held)
+        kind = np.where(anew[:, axis], ROWS_OF[name], ROWS_OF["held"])
+        blocks.append(System(residual, J, sigma, kind))
     J = np.zeros((3 * m, places.count))
     J[np.arange(3 * m), places.wobble.start + np.arange(3 * m)] = 1.0
     sigma = np.repeat(prior.wobble, 3)
@@ -395,11 +436,13 @@ def _prior_rows(data: JointData, state: JointState, prior: Prior, places: Places
             np.full(3 * len(data), 1.0),
         )
     )
-    return System(residual, J, sigma, np.full(len(residual), ROWS_OF["prior"]))
+    kind = np.full(len(residual), ROWS_OF["prior"])
+    kind[DRIFT] = ROWS_OF["drift"]
+    return System(residual, J, sigma, kind)
 
 
 def nominal(data: JointData) -> FloatArray:
-    """Return the common unknowns (48,) of a nominal sensor on a perfect jig."""
+    """Return the common unknowns (49,) of a nominal sensor on a perfect jig."""
     p = np.zeros(MOUNTING)
     p[ACCEL_GAIN] = np.eye(3)[UPPER]
     p[GYRO_GAIN] = np.eye(3).ravel()
@@ -439,7 +482,7 @@ def _add_attitude(
 
 def _add_g_sensitivity(J: FloatArray, data: JointData, lever: FloatArray, pose: IntArray) -> None:
     """Add ``lever @ d offsets`` of the g-sensitivity to the rows J (n, 3, p)."""
-    force = data.accel[pose] / data.gravity
+    force = data.force[pose] / data.gravity
     product = lever[:, :, :, None] * force[:, None, None, :]
     J[:, :, G_SENSITIVITY] += product.reshape(len(pose), 3, 9)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imu_rig import rotation
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.calibration.jig_estimate import Estimate, JigEstimate, Straightness
 from imu_rig.calibration.joint_fit import JointFit
 from imu_rig.calibration.joint_model import (
@@ -84,14 +84,11 @@ def gyro_model(fit: JointFit) -> Affine:
     return Affine(K, K @ beta, C, _dof(fit, rows, D))
 
 
-def _dof(fit: JointFit, columns: FloatArray, J: FloatArray) -> float:
+def _dof(fit: JointFit, columns: IntArray, J: FloatArray) -> float:
     """Typical effective degrees of freedom of figures with slopes J in some unknowns."""
-    dofs = []
-    for row in J:
-        direction = np.zeros(fit.places.count)
-        direction[columns] = row
-        dofs.append(fit.dof(direction))
-    return max(2.0, float(np.median(dofs)))
+    directions = np.zeros((fit.places.count, len(J)))
+    directions[columns] = J.T
+    return max(2.0, float(np.median(fit.dofs(directions))))
 
 
 def straightness(fit: JointFit) -> Straightness:
@@ -182,18 +179,24 @@ class LeftOut:
     sigma: FloatArray
 
 
-def leave_poses_out(fit: JointFit) -> LeftOut:
+def leave_poses_out(fit: JointFit, line: Affine) -> LeftOut:
     """Take the accelerometer of each pose out of the fit in turn.
 
     The solution without some rows follows from the one with them:
     ``dx = N^-1 J'(1 - H)^-1 r`` with the rows' own hat matrix H.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit with all poses.
+    line : Affine
+        What `line_over_one_g` makes of it.
     """
     data = fit.data
     weighted = fit.rows.jacobian * fit.weight[:, None]
     residual = fit.rows.residual * fit.weight
     accel = np.flatnonzero(fit.rows.kind == ROWS_OF["accel"]).reshape(-1, 3)
     error, sigma = np.empty(len(data)), np.empty(len(data))
-    line = line_over_one_g(fit)
     full = forces(data, fit.state)[0]
     up = full / np.linalg.norm(full, axis=1, keepdims=True)
     bend = np.linalg.norm(line.apply(data.accel), axis=1) - np.linalg.norm(full, axis=1)

@@ -13,18 +13,19 @@ from scipy.special import gammaincc
 
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.findings import Finding
-from imu_rig.calibration.joint_fit import JointFit
+from imu_rig.calibration.joint_fit import USUAL_DRIFT, JointFit
 from imu_rig.calibration.joint_model import DRIFT, G_SENSITIVITY, NONLINEARITY, ROWS_OF, Prior
 from imu_rig.units import DEG, MILLI_G
 
 CHANCE = 1e-4
 """Probability of calling for a term that is not there."""
+DRIFT_CHANCE = 1e-3
+STRONG_DRIFT = 2.0
+"""Usual changes beyond which a change is worth a sentence."""
 STRONG = 4.0
 """Standard uncertainties beyond what a data sheet allows that make a nonlinearity a fault."""
 G_SIGMA = 0.2 * DEG
 """Twice what a data sheet of the class states [rad/s per g]."""
-DRIFT_SIGMA = np.array([5.0 * MILLI_G] * 3 + [2e-3])
-"""Warming by 10 degC: 0.5 mg and 0.02 % per degree."""
 
 
 def g_sensitivity_shows(fit: JointFit) -> bool:
@@ -32,25 +33,11 @@ def g_sensitivity_shows(fit: JointFit) -> bool:
     return fit.data.has_gyro and _probability(fit, G_SENSITIVITY) < CHANCE
 
 
-def drift_shows(fit: JointFit) -> bool:
-    """Whether the accelerometer changed from the begin to the end of the session."""
-    return _probability(fit, DRIFT) < CHANCE
-
-
 def with_g_sensitivity(prior: Prior) -> Prior:
     """Let the g-sensitivity take part."""
-    return _freed(prior, G_SENSITIVITY, G_SIGMA)
-
-
-def with_drift(prior: Prior) -> Prior:
-    """Let the accelerometer drift."""
-    return _freed(prior, DRIFT, DRIFT_SIGMA)
-
-
-def _freed(prior: Prior, terms: slice, sigma: FloatArray | float) -> Prior:
-    all_sigma = prior.sigma.copy()
-    all_sigma[terms] = sigma
-    return replace(prior, sigma=all_sigma)
+    sigma = prior.sigma.copy()
+    sigma[G_SENSITIVITY] = G_SIGMA
+    return replace(prior, sigma=sigma)
 
 
 def _probability(fit: JointFit, terms: slice) -> float:
@@ -82,18 +69,26 @@ def g_sensitivity_finding(G: FloatArray) -> Finding:
     )
 
 
-def drift_finding(fit: JointFit) -> Finding:
-    """Say how much the accelerometer changed."""
+def drift_findings(fit: JointFit) -> tuple[Finding, ...]:
+    """Say how much the sensor changed, if that is more than one that is warm does."""
     drift = fit.state.common[DRIFT]
+    C = fit.covariance[DRIFT, DRIFT]
+    improbable = float(gammaincc(len(drift) / 2.0, drift @ np.linalg.solve(C, drift) / 2.0))
+    beyond = np.abs(drift) > STRONG_DRIFT * USUAL_DRIFT
+    if improbable > DRIFT_CHANCE or not np.any(beyond):
+        return ()
     worst = int(np.argmax(np.abs(drift[:3])))
     size = float(drift[worst]) / MILLI_G
-    return Finding(
-        "warm-up",
-        f"The accelerometer changed during the session, by up to {abs(size):.2f} mg (axis "
-        f"{'xyz'[worst]}) in bias and {abs(drift[3]) * 100:.3f} % in scale, as one that warms up "
-        "does; the certificate states the middle of the session: let the sensor warm up first.",
-        axis="xyz"[worst],
-        size=size,
+    return (
+        Finding(
+            "warm-up",
+            f"The sensor changed during the session: the accelerometer by up to {abs(size):.2f} mg "
+            f"(axis {'xyz'[worst]}) in bias and {abs(drift[3]) * 100:.3f} % in scale, the "
+            f"gyroscope by {abs(drift[4]) * 100:.3f} % in scale, as one that warms up does; the "
+            "certificate states the middle of the session: let the sensor warm up first.",
+            axis="xyz"[worst],
+            size=size,
+        ),
     )
 
 

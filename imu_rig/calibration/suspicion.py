@@ -21,6 +21,8 @@ SATURATED_SHARE = 0.05
 """Part of a still's samples at the range limit beyond which its mean is worthless."""
 MOVED = 8.0
 """Drift within a still, in its own standard errors, that means it moved."""
+FEWEST_HELD = 5
+"""Samples at an extreme that are no chance even where the signal nears it slowly."""
 FACTORS = (0.5, 2.0, 0.25, 4.0, 0.1, 10.0, 1.0 / DEG, DEG)
 
 
@@ -66,7 +68,9 @@ def _repeats(value: FloatArray, extreme: float, shortest: int) -> bool:
     levels = np.unique(value[value > 0.5 * extreme])
     step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
     below = (value < extreme) & (value > extreme - 10.5 * step)
-    return int(np.sum(at)) > int(np.sum(below))
+    held, near = int(np.sum(at)), int(np.sum(below))
+    # A few samples on a steep peak may agree by chance; a clipped one leaps to its limit.
+    return held > near and (held >= FEWEST_HELD or near == 0)
 
 
 @dataclass(frozen=True, eq=False)

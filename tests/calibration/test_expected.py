@@ -108,7 +108,11 @@ def test_the_studied_lists_are_expected_to_be_as_good_as_the_study_found(rolls, 
 def noisy(ideal: Design, prior: Prior, rng) -> JointData:
     """Readings of a session whose servos and sensors err as the prior and the design say."""
     m = len(ideal)
-    true = ideal.angles + prior.servo * rng.standard_normal((m, 3))
+    deviation = prior.servo * rng.standard_normal((m, 3))
+    for i in range(1, m):  # a servo errs anew only where it is driven
+        still = ideal.angles[i] == ideal.angles[i - 1]
+        deviation[i, still] = deviation[i - 1, still]
+    true = ideal.angles + deviation
     legs = [
         [
             replace(leg, start=leg.start + a, end=leg.end + (b if leg is way[-1] else a))
@@ -170,7 +174,8 @@ def test_longer_holds_and_more_poses_are_expected_to_tell_more() -> None:
 def test_how_the_sensor_is_named_on_the_plate_changes_nothing() -> None:
     plain = expected_uncertainty(design(ring(8)))
     turned = expected_uncertainty(design(ring(8), turns=[(0, 0, np.pi / 2)]))
-    assert sizes(turned) == pytest.approx(sizes(plain), rel=0.1)
+    # Leans and cross-axis terms count from the sensor's x axis, which is another one now.
+    assert sizes(turned) == pytest.approx(sizes(plain), rel=0.15)
     # x and y have changed places.
     assert turned.accel.scale_percent_u[[1, 0, 2]] == pytest.approx(
         plain.accel.scale_percent_u, rel=0.02
