@@ -126,9 +126,6 @@ def calibrate(
     if dry_run:
         _print_plan(plan, forecast, setup.jig.name, as_json=as_json)
         return
-    if not quiet:
-        lines = expected_lines(forecast.expected, forecast.warnings)
-        sys.stderr.write("\n".join([*lines, "", ""]))
     with ExitStack() as stack:
         clock: Clock = SystemClock()
         simulated = None
@@ -154,6 +151,7 @@ def calibrate(
             watch=watch,
             hands=None if yes else simulated,
             ask=not yes,
+            opening=[*expected_lines(forecast.expected, forecast.warnings), ""],
         )
         # a resumed session saw two simulations, whose offsets walked differently
         truth = simulated.truth() if simulated is not None and resume is None else None

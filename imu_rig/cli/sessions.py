@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -66,8 +67,11 @@ def run_in_view(
     watch: Callable[[Progress], None] = ignore,
     hands: Hands | None = None,
     ask: bool = True,
+    opening: Sequence[str] = (),
 ) -> None:
     """Run a session with its live view; signals park the jig and close the file.
+
+    ``opening`` are lines to show once the devices answer, so that no mistake comes after them.
 
     ``ports`` are the options by which a stopped session finds its hardware again. ``hands`` turn
     the sensor over where its mounting changes; by default a person at the terminal is asked,
@@ -82,8 +86,11 @@ def run_in_view(
 
     stop = StopRequest()
     view = SessionView(quiet=quiet)
+    untold = deque(opening)
 
     def observe(progress: Progress) -> None:
+        while untold and progress.state != "connecting":
+            view.notify(untold.popleft())
         watch(progress)
         view.observe(progress)
 

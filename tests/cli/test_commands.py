@@ -236,6 +236,7 @@ def test_every_other_builtin_protocol_ends_in_a_certificate(
         *("--output", tmp_path / "out", "--json"),
     )
     assert json.loads(done.stdout)["certificate"]["gyro"] is not None
+    assert "expected standard uncertainty" in done.stderr
 
 
 def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
