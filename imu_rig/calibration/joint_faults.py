@@ -38,8 +38,9 @@ WRONG_TURN = 25.0 * DEG
 AXES = ("pan", "tilt", "roll")
 USUAL_SPREAD = 0.7 * DEG
 """What a hobby servo errs by anew whenever it is driven: repeatability, backlash, gears."""
-SURPRISE = 25.0
-"""Drop of the weighted square sum, over that of usual scatter, that makes a fault."""
+SURPRISE = 16.0
+"""Drop of the weighted square sum, over that of usual scatter, that makes a fault: four standard
+deviations, beside the size that it must have."""
 SMALLEST_SLIP = 2.0 * DEG
 CLEAR = 1.3 * DEG
 """Standard uncertainty of a slip's size above which it is not called one."""
@@ -268,7 +269,6 @@ def _most_telling(fit: JointFit) -> _Fault | None:
     drops, sizes = steps.single()
     steps_drop, steps_size = drops.reshape(m - 1, 3), sizes.reshape(m - 1, 3)
     turn_drop, turn_size = turns.triple()
-    spread = _spread(fit)
     # A jump of the outermost stops is hardly told from a servo's gain: its size says nothing.
     clear = steps.uncertainty().reshape(m - 1, 3) < CLEAR
     allowed = clear & (np.abs(steps_size) > SMALLEST_SLIP)
@@ -276,11 +276,16 @@ def _most_telling(fit: JointFit) -> _Fault | None:
     turn_drop = np.where(np.linalg.norm(turn_size, axis=1) > SMALLEST_BUMP, turn_drop, 0.0)
     k, axis = np.unravel_index(int(np.argmax(steps_drop)), steps_drop.shape)
     i = int(np.argmax(turn_drop))
-    if max(steps_drop[k, axis], turn_drop[i]) < SURPRISE * spread**2:
-        return None
     if steps_drop[k, axis] >= turn_drop[i]:
-        return _Fault(int(k) + 1, int(axis), float(steps_size[k, axis]))
-    return _Fault(i, None, float(np.linalg.norm(turn_size[i])))
+        drop, explained = steps_drop[k, axis], late[:, k + 1, axis] * steps_size[k, axis]
+        fault = _Fault(int(k) + 1, int(axis), float(steps_size[k, axis]))
+    else:
+        drop, explained = turn_drop[i], by_turn[:, i] @ turn_size[i]
+        fault = _Fault(i, None, float(np.linalg.norm(turn_size[i])))
+    # The rest then tells how well this jig repeats, worse than usual perhaps.
+    left = fit.rows.residual * fit.weight + explained
+    left -= J @ (fit.covariance @ (J.T @ explained))
+    return fault if drop > SURPRISE * _spread(fit, left) ** 2 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,11 +321,10 @@ class _Scores:
         return drops, sizes
 
 
-def _spread(fit: JointFit) -> float:
-    """How much more than usual this jig scatters, a slip or bump aside."""
+def _spread(fit: JointFit, residual: FloatArray) -> float:
+    """How much more than usual the servos scatter by weighted residuals (r,), at least 1."""
     servo = np.isin(fit.rows.kind, [ROWS_OF[name] for name in AXES])
-    left = np.abs(fit.rows.residual * fit.weight)[servo]
-    return max(1.0, float(np.median(left)) / NORMAL_MEDIAN)
+    return max(1.0, float(np.median(np.abs(residual[servo]))) / NORMAL_MEDIAN)
 
 
 def _turn(A: FloatArray, B: FloatArray) -> FloatArray:
