@@ -1,6 +1,6 @@
 """Two certificates of one sensor side by side: what drifted between them.
 
-What is compared are figures of the sensor itself (scale, leans of axes, bias), in which the
+What is compared are figures of the sensor itself (scale, angles between axes, bias), in which the
 frame that a calibration is expressed in has no part.
 """
 
@@ -203,7 +203,7 @@ def _differences(
 ) -> list[Difference]:
     groups: list[tuple[str, tuple[str, ...], float, str, str]] = [
         ("scale", AXES, 1.0, "%", "scale_percent"),
-        ("lean", first.cross_names, 1e-3, "mrad", "cross_rad"),
+        (first.angles, first.cross_names, 1e-3, "mrad", "cross_rad"),
         ("bias", AXES, bias_unit, bias_name, "bias"),
     ]
     found = []

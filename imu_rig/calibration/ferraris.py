@@ -340,7 +340,8 @@ def _fit_turns(
 def _what_is_trusted(session: Session, fit: FaceFit) -> str:
     figures = physical_figures(fit.affine)
     return (
-        "Six faces and three turns leave nothing to check themselves by: the lean of the axes "
+        "Six faces and three turns leave nothing to check themselves by: the axes' "
+        "non-orthogonality "
         f"(uncertain by {figures.cross_rad_u.max() * 1e3:.0f} mrad) rests on faces that stand "
         f"level to {fit.placement / DEG:.1f} degrees (taken as {PLACEMENT / DEG:g} before) on a "
         f"block that is square to {SQUARENESS / DEG:g} degrees, the gyroscope's gain on turns of "

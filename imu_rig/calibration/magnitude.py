@@ -17,7 +17,14 @@ from imu_rig.units import MILLI_G
 
 UNKNOWNS = 9
 UPPER = np.triu_indices(3)
-NAMES = ("scale x", "lean xy", "lean xz", "scale y", "lean yz", "scale z")
+NAMES = (
+    "scale x",
+    "non-orthogonality xy",
+    "non-orthogonality xz",
+    "scale y",
+    "non-orthogonality yz",
+    "scale z",
+)
 """The six elements of T in the order of `UPPER`; bias x, y and z follow."""
 FLICKER = 0.05 * MILLI_G
 """Wander of an accelerometer's bias that no averaging in one pose removes [m/s^2]."""

@@ -128,6 +128,11 @@ class PhysicalFigures:
     cross_rad_u: FloatArray
     bias_u: FloatArray
 
+    @property
+    def angles(self) -> str:
+        """What `cross_rad` is called: of a sensor's own axes, or against another one's."""
+        return "non-orthogonality" if len(self.cross_names) == 3 else "cross-axis"
+
 
 def student_factor(dof: float) -> float:
     """Return the 97.5 % point of Student's t for ``dof`` >= 2 degrees of freedom, within 1 %.

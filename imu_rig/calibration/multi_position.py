@@ -29,7 +29,7 @@ from imu_rig.units import DEG, MILLI_G
 COMFORTABLE_POSES = 16
 """Fewer poses leave the fit fragile: one of them decides too much."""
 LARGE_ACCEL = (0.1, 1e-3, 1.0 * MILLI_G)
-"""Standard uncertainties worth a warning: scale [%], lean [rad], bias [m/s^2]."""
+"""Standard uncertainties worth a warning: scale [%], angle between axes [rad], bias [m/s^2]."""
 LARGE_GYRO = (0.5, 5e-3, 0.02 * DEG)
 """The same of a gyroscope, bias in rad/s."""
 NO_ACCEL = (10.0, 0.1, 1.0)
@@ -94,9 +94,9 @@ def solve_accelerometer(session: Session) -> tuple[MagnitudeFit, list[str]]:
     if len(stills) < UNKNOWNS:
         raise DataError(
             f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
-            f"(scale, lean and bias of three axes); record {COMFORTABLE_POSES} or more, among "
-            f"them with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
-            f"{_or_faces(stills.accel_mean)}"
+            f"(scale, non-orthogonality and bias of three axes); record {COMFORTABLE_POSES} or "
+            "more, among them with these sides, edges or corners up: "
+            f"{', '.join(poses_to_add(directions))}{_or_faces(stills.accel_mean)}"
         )
     fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
     figures = physical_figures(fit.affine)
@@ -117,7 +117,7 @@ def _or_faces(means: FloatArray) -> str:
     return (
         ". All six faces are there: if the sensor sits in a square block that stood on a level "
         "table and was turned once about each axis, --method ferraris uses that, with less certain "
-        "lean and gain"
+        "non-orthogonality and gain"
     )
 
 
@@ -273,11 +273,11 @@ def _add(directions: FloatArray) -> str:
 
 
 def _named(figures: PhysicalFigures) -> list[tuple[str, int, float]]:
-    """Name, kind (scale, lean, bias) and standard uncertainty of every figure."""
+    """Name, kind (scale, angle, bias) and standard uncertainty of every figure."""
     return [
         *((f"scale {a}", 0, float(u)) for a, u in zip(AXES, figures.scale_percent_u, strict=True)),
         *(
-            (f"lean {n}", 1, float(u))
+            (f"{figures.angles} {n}", 1, float(u))
             for n, u in zip(figures.cross_names, figures.cross_rad_u, strict=True)
         ),
         *((f"bias {a}", 2, float(u)) for a, u in zip(AXES, figures.bias_u, strict=True)),
@@ -289,9 +289,10 @@ def _beyond(figures: PhysicalFigures, bounds: tuple[float, float, float]) -> lis
 
 
 def _largest(figures: PhysicalFigures, sensor: str) -> str:
-    scale, lean, bias = (max(u for _, k, u in _named(figures) if k == kind) for kind in (0, 1, 2))
+    scale, angle, bias = (max(u for _, k, u in _named(figures) if k == kind) for kind in (0, 1, 2))
     bias_text = f"{bias / MILLI_G:.2g} mg" if sensor == "accel" else f"{bias / DEG:.2g} deg/s"
-    return f"{scale:.2g} % in scale, {lean * 1e3:.2g} mrad in lean and {bias_text} in bias"
+    angles = f"{angle * 1e3:.2g} mrad in {figures.angles}"
+    return f"{scale:.2g} % in scale, {angles} and {bias_text} in bias"
 
 
 def _list(words: list[str]) -> str:

@@ -87,7 +87,7 @@ def certificate_figures(certificate: Certificate) -> dict[str, Any]:
 def comparison_lines(first: Certificate, second: Certificate, found: Comparison) -> list[str]:
     """Lines that put two certificates side by side."""
     lines = [f"A  {_named(first)}", f"B  {_named(second)}", ""]
-    lines.append(f"  {'':32}{'A':>10}{'B':>11}{'B - A':>11}{'std. dev.':>11}")
+    lines.append(f"  {'':33}{'A':>10}{'B':>11}{'B - A':>11}{'std. dev.':>11}")
     for row in found.differences:
         decimals = _decimals(row.sigma)
         numbers = (
@@ -95,8 +95,8 @@ def comparison_lines(first: Certificate, second: Certificate, found: Comparison)
         )
         deviations = "fixed" if row.deviations is None else f"{row.deviations:+.1f}"
         mark = " !" if row.drifted else ""
-        label = f"{row.sensor} {row.name} [{row.unit}]"
-        lines.append(f"  {label:32}{numbers}{deviations:>11}{mark}")
+        label = f"{row.sensor} {row.name} [{row.unit}]".replace("orthogonality", "orth.")
+        lines.append(f"  {label:33}{numbers}{deviations:>11}{mark}")
     days = (second.date - first.date).total_seconds() / 86400
     sentences = [f"B was made {abs(days):.1f} days {'after' if days >= 0 else 'before'} A."]
     if found.drifted:

@@ -9,11 +9,14 @@ from imu_rig.units import DEG
 if TYPE_CHECKING:
     from imu_rig.calibration.mag_result import MagResult
 
+ERROR_WIDTH = 33
+"""Of the labels of errors."""
+
 
 def magnetometer_errors(mag: MagResult) -> str:
     """Return the line of the errors of the field's magnitude."""
     return (
-        f"  {'magnetic field magnitude, rms [%]':39}{mag.before_percent:.3f} raw   "
+        f"  {'magnetic field, rms [%]':{ERROR_WIDTH}}{mag.before_percent:.3f} raw   "
         f"{mag.residual_percent:.3f} fitted   {mag.left_out_percent:.3f} left out"
     )
 

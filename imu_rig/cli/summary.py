@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from imu_rig.cli.magnetometer_summary import (
+    ERROR_WIDTH,
     counted_readings,
     magnetometer_errors,
     magnetometer_lines,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 MILLIRADIAN = 1e-3
 LABEL_WIDTH = 33
-ERROR_WIDTH = 39
 NUMBER_WIDTH = 11
 WIDTH = 78
 MOST_REASONS = 6
@@ -47,8 +47,8 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     name = one_line(result.device.name) or "the sensor"
     head = f"Calibration of {name} by {result.method} from {source}"
     lines += [*textwrap.wrap(head, WIDTH, subsequent_indent="  "), ""]
-    lines += _errors("gravity magnitude error, rms [mg]", result.accel_errors, MILLI_G)
-    lines += _errors("gravity direction per move, rms [deg]", result.gyro_errors, DEG)
+    lines += _errors("gravity magnitude, rms [mg]", result.accel_errors, MILLI_G)
+    lines += _errors("gravity direction, rms [deg]", result.gyro_errors, DEG)
     lines += _reaches(result)
     lines += [] if mag is None else [magnetometer_errors(mag)]
     if result.verification is not None:
@@ -58,18 +58,15 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
     true = None if truth is None else physical_figures(truth.accel)
     if result.has_accel:
-        kind = ("accelerometer", "non-orthogonality")
-        lines += _figures(kind, result.accel_figures, MILLI_G, "mg", true)
+        lines += _figures("accelerometer", result.accel_figures, MILLI_G, "mg", true)
     if result.gyro_figures is not None:
         true = None
         if truth is not None and truth.gyro is not None:
             true = physical_figures(truth.gyro, truth.accel)
-        kind = ("gyroscope", "cross-axis")
-        lines += _figures(kind, result.gyro_figures, DEG, "deg/s", true)
+        lines += _figures("gyroscope", result.gyro_figures, DEG, "deg/s", true)
     if mag is not None and result.mag_figures is not None:
         # A truth of simulated sensors holds accelerometer and gyroscope only.
-        kind = ("magnetometer", "cross-axis")
-        lines += _figures(kind, result.mag_figures, 1.0, "uT", None)
+        lines += _figures("magnetometer", result.mag_figures, 1.0, "uT", None)
         lines += ["", *magnetometer_lines(mag)]
     if result.jig is not None:
         lines += ["", *paragraph(_jig(result.jig))]
@@ -106,7 +103,7 @@ def verification_lines(verification: Verification) -> list[str]:
             error, sigmas = (max(column) for column in zip(*found, strict=True))
             counted = f"{len(found)} of {len(rows)} {label}"
             lines.append(
-                f"  {counted:{ERROR_WIDTH}}{error / unit:.3f} {name}, "
+                f"  {counted:{ERROR_WIDTH}}{error / unit:.3f} {name} and "
                 f"{sigmas:.1f} std. dev. at most"
             )
     reasons = verification.reasons
@@ -137,7 +134,7 @@ def _reaches(result: CalibrationResult) -> list[str]:
     from imu_rig.report.accuracy import reading_reach, turn_reach
 
     rows = (
-        ("calibrated reading at rest, 95 % [mg]", reading_reach(result), MILLI_G),
+        ("reading at rest, 95 % [mg]", reading_reach(result), MILLI_G),
         ("turn of 90 deg, 95 % [deg]", turn_reach(result), DEG),
     )
     return [
@@ -162,21 +159,24 @@ def _jig(jig: JigEstimate) -> str:
 
 
 def _figures(
-    kind: tuple[str, str],
+    sensor: str,
     figures: PhysicalFigures,
     unit: float,
     unit_name: str,
     truth: PhysicalFigures | None,
 ) -> list[str]:
-    """Rows of a sensor; ``kind`` is its name and what the angles between its axes are called."""
-    sensor, angles = kind
     rows = [
         (f"scale {axis} [%]", figures.scale_percent[i], figures.scale_percent_u[i], 1.0)
         for i, axis in enumerate("xyz")
     ]
     true = [] if truth is None else list(truth.scale_percent)
     rows += [
-        (f"{angles} {name} [mrad]", figures.cross_rad[i], figures.cross_rad_u[i], MILLIRADIAN)
+        (
+            f"{figures.angles} {name} [mrad]",
+            figures.cross_rad[i],
+            figures.cross_rad_u[i],
+            MILLIRADIAN,
+        )
         for i, name in enumerate(figures.cross_names)
     ]
     true += [] if truth is None else list(truth.cross_rad)

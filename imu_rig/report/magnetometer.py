@@ -77,7 +77,7 @@ def magnetometer_section(result: CalibrationResult, *, before: int) -> Html:
             "Where the field pointed, seen from +z in both halves (equal-area projection). "
             "What was never visited is known from its neighbours only.",
         )
-    notes = [element("p", note, class_="note") for note in mag.notes]
+    notes = [element("p", note.replace(" uT", " µT"), class_="note") for note in mag.notes]
     return section(
         "Magnetometer",
         facts(_facts(mag)),

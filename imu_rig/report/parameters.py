@@ -118,7 +118,7 @@ def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sens
         found.append(
             _sensor(
                 "Gyroscope", result.gyro, result.gyro_figures, true_gyro,
-                ("Cross-axis", DEG, "deg/s"),
+                (DEG, "deg/s"),
             )
         )  # fmt: skip
     return tuple(found)
@@ -126,7 +126,7 @@ def sensors(result: CalibrationResult, truth: Truth | None = None) -> tuple[Sens
 
 def accelerometer(affine: Affine, truth: PhysicalFigures | None = None) -> Sensor:
     """Return the parameters of an accelerometer, beside the true ones where known."""
-    kind = ("Non-orthogonality", MILLI_G, "mg")
+    kind = (MILLI_G, "mg")
     return _sensor("Accelerometer", affine, physical_figures(affine), truth, kind)
 
 
@@ -134,7 +134,7 @@ def magnetometer_sensor(result: CalibrationResult) -> Sensor | None:
     """Return the magnetometer, whose axes count relative to those of its accelerometer."""
     if result.mag is None or result.mag_figures is None:
         return None
-    kind = ("Cross-axis", 1.0, "µT")
+    kind = (1.0, "µT")
     return _sensor("Magnetometer", result.mag.affine, result.mag_figures, None, kind)
 
 
@@ -143,9 +143,10 @@ def _sensor(
     affine: Affine,
     figures: PhysicalFigures,
     truth: PhysicalFigures | None,
-    kind: tuple[str, float, str],
+    kind: tuple[float, str],
 ) -> Sensor:
-    directions, bias_unit, bias_unit_name = kind
+    bias_unit, bias_unit_name = kind
+    arrows = [f"{name[0]} → {name[1]}" for name in figures.cross_names]
     factor = affine.coverage_factor
     true: tuple[FloatArray | None, ...] = (None, None, None)
     if truth is not None:
@@ -170,7 +171,7 @@ def _sensor(
             figures.scale_percent, figures.scale_percent_u, true[0],
         ),
         group(
-            directions, "mrad", [f"{c[0]} → {c[1]}" for c in figures.cross_names], MILLIRADIAN,
+            figures.angles.capitalize(), "mrad", arrows, MILLIRADIAN,
             figures.cross_rad, figures.cross_rad_u, true[1],
         ),
         group(

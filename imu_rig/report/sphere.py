@@ -145,7 +145,7 @@ def hemisphere_map(
     titles : (str, str)
         Names of the halves.
     """
-    figure, axes = _empty(titles)
+    figure, axes = _empty(titles, elevations=False)
     radius, turn = np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(0.0, 2.0 * math.pi, 73))
     up = 1.0 - radius**2
     flat = np.sqrt(1.0 - up**2)
@@ -173,7 +173,7 @@ def hemisphere_map(
     return figure
 
 
-def _empty(titles: tuple[str, str]) -> tuple[Figure, Axes]:
+def _empty(titles: tuple[str, str], *, elevations: bool = True) -> tuple[Figure, Axes]:
     figure = new_figure(HEIGHT)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
@@ -181,6 +181,10 @@ def _empty(titles: tuple[str, str]) -> tuple[Figure, Axes]:
     axes.set_ylim(0.0, HEIGHT)
     for centre, title in zip(CENTRES, titles, strict=True):
         _draw_net(axes, centre, title)
+        for name, x, y in _elevation_labels(centre) if elevations else []:
+            axes.text(
+                x, y, name, size=10.0, color=SOFT, ha="center", va="center_baseline", zorder=1
+            )
     return figure, axes
 
 
@@ -216,8 +220,6 @@ def _draw_net(axes: Axes, centre: tuple[float, float], title: str) -> None:
         )
     for name, x, y in _axis_labels(centre):
         axes.text(x, y, name, color=SOFT, ha="center", va="center_baseline")
-    for name, x, y in _elevation_labels(centre):
-        axes.text(x, y, name, size=10.0, color=SOFT, ha="center", va="center_baseline", zorder=1)
     axes.text(centre[0], HEIGHT - 2.0, title, size=13.0, ha="center", va="top")
 
 

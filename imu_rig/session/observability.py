@@ -36,7 +36,7 @@ FREE_ACCEL = np.array([0.01] * 6 + [0.25] * 3)
 """Standard uncertainties of gain [1] and offset [m/s^2] that hardly better a data sheet: poses
 that gravity's magnitude tells no more from do not determine the parameter."""
 FREE_SCALE, FREE_CROSS = 1.0, 1e-2
-"""The same of a gyroscope: scale [%], cross-axis lean [rad]."""
+"""The same of a gyroscope: scale [%], cross-axis [rad]."""
 SHORT = 2.5
 """How much worse than poses all around the sphere makes a warning."""
 LEVEL_TILT = 60.0
@@ -203,14 +203,14 @@ def _refuse_free_gyroscope(
     if figures is None:
         return
     scales = [a for a, u in zip(AXES, figures.scale_percent_u, strict=True) if u > FREE_SCALE]
-    leans = [
+    crossed = [
         n for n, u in zip(figures.cross_names, figures.cross_rad_u, strict=True) if u > FREE_CROSS
     ]
-    if not scales and not leans:
+    if not scales and not crossed:
         return
     # Column j of the gain is what a turn about axis j does.
-    axes = sorted(set(scales) or {name[1] for name in leans})
-    what = [f"scale {axis}" for axis in scales] + [f"lean {name}" for name in leans]
+    axes = sorted(set(scales) or {name[1] for name in crossed})
+    what = [f"scale {axis}" for axis in scales] + [f"cross-axis {name}" for name in crossed]
     turns = _list([_turn_to_add(axis, design, plan, jig) for axis in axes])
     reason = _why(design)
     raise InputError(

@@ -237,7 +237,9 @@ def test_six_faces_are_refused_with_the_poses_to_add():
 def test_many_poses_on_six_faces_are_refused_by_the_parameters_they_leave_free():
     rng = np.random.default_rng(11)
     recording = record(jig_attitudes(FACES * 3), random_sensor(rng), rng)
-    with pytest.raises(DataError, match=r"lean xy, lean xz and lean yz.*\+x"):
+    with pytest.raises(
+        DataError, match=r"non-orthogonality xy, non-orthogonality xz and non-orthogonality yz.*\+x"
+    ):
         solve(recording.block)
 
 

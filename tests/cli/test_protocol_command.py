@@ -76,4 +76,4 @@ def test_a_dry_run_shows_the_expected_uncertainties(inside: Any) -> None:
     done = inside("calibrate", "--dry-run")
     assert "accelerometer scale [%]" in done.stdout
     refused = inside("calibrate", "--dry-run", "--protocol", "six-faces-and-turns", code=2)
-    assert "lean xy" in refused.stderr
+    assert "non-orthogonality xy" in refused.stderr

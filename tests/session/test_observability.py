@@ -45,7 +45,7 @@ def test_every_protocol_that_calibrates_determines_everything(name: str) -> None
 def test_six_faces_determine_six_of_nine(method: str) -> None:
     sentence = refusal(load_protocol(FOR_THE_PAPER), method)
     assert "6 ways" in sentence
-    assert "lean xy, lean xz and lean yz" in sentence
+    assert "non-orthogonality xy, non-orthogonality xz and non-orthogonality yz" in sentence
     assert "scale" not in sentence
     assert "tilt 45 with roll" in sentence
     assert "--method paper" in sentence
