@@ -339,18 +339,18 @@ def recheck_lines(found: Recheck) -> list[str]:
     if found.drift:
         lines += [
             "",
-            f"  {'':26}{'certificate':>12}{'change':>10}{'std. dev.':>11}{'ratio':>8}{'usual':>8}",
+            f"  {'':25}{'certificate':>11}{'change':>9}{'std. dev.':>10}{'ratio':>7}{'usual':>7}",
         ]
     for row in found.drift:
         unit, name = UNITS[row.sensor, row.quantity]
-        label = f"  {row.name + f' [{name}]':34}"[:36]
+        label = f"  {row.name + f' [{name}]':26}"
         if not row.determined:
-            lines.append(f"{label}{row.certified / unit:>8.3f}  not determined by this check")
+            lines.append(f"{label}{row.certified / unit:>10.3f}  not determined by this check")
             continue
         mark = "" if not row.drifted else "  drifted" if row.usual else "  DRIFTED"
         lines.append(
-            f"{label}{row.certified / unit:>8.3f}{row.change / unit:>+10.3f}"
-            f"{row.sigma / unit:>11.3f}{row.sigmas:>8.1f}{row.day_to_day / unit:>8.2f}{mark}"
+            f"{label}{row.certified / unit:>10.3f}{row.change / unit:>+9.3f}"
+            f"{row.sigma / unit:>10.3f}{row.sigmas:>7.1f}{row.day_to_day / unit:>7.2f}{mark}"
         )
     for note in found.notes:
         lines += ["", *paragraph(note, mark="! ")]

@@ -131,20 +131,17 @@ def _legend(figure: Figure, findings: Sequence[Finding]) -> None:
 
 
 def _servos(jig: JigEstimate, truth: JigTruth | None) -> list[ParameterGroup]:
-    axes = Estimate(*(
-        np.concatenate([getattr(e, part) for e in (jig.tilt_zero, jig.tilt_skew, jig.roll_skew)])
-        for part in ("value", "sigma")
-    ))  # fmt: skip
-    skews = None if truth is None else (None, truth.tilt_skew, truth.roll_skew)
+    skews = Estimate(
+        np.concatenate((jig.tilt_skew.value, jig.roll_skew.value)),
+        np.concatenate((jig.tilt_skew.sigma, jig.roll_skew.sigma)),
+    )
+    known = None if truth is None else (truth.tilt_skew, truth.roll_skew)
     return [
         _group(("Servo gain error", "%", 0.01), SERVOS, jig.servo_gain),
-        _group(
-            ("Axes", "deg", DEG),
-            ("zero of tilt", "tilt axis off square to pan", "roll axis off square to tilt"),
-            axes, skews,
-        ),
+        _group(("Servo zero", "deg", DEG), ("tilt",), jig.tilt_zero),
+        _group(("Axes off square", "deg", DEG), ("tilt to pan", "roll to tilt"), skews, known),
         _group(("Tilt of the base", "deg", DEG), ("about x", "about y"), jig.base),
-    ]  # fmt: skip
+    ]
 
 
 def _frame(jig: JigEstimate) -> list[ParameterGroup]:

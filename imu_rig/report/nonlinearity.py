@@ -71,7 +71,7 @@ def _shows(result: CalibrationResult) -> str:
     ]
     if not shown:
         return f"No bend shows: every part is below {SHOWS:g} of its standard uncertainties."
-    return f"The sensor bends: {', '.join(shown)} beyond {SHOWS:g} standard uncertainties."
+    return f"The sensor bends, beyond {SHOWS:g} standard uncertainties: {', '.join(shown)}."
 
 
 def _deviation(size: float) -> str:

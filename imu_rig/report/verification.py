@@ -52,11 +52,11 @@ def verification_card(verification: Verification | None) -> Html:
     """Return a card that tells whether the checks passed, or that there were none."""
     label = "Verification"
     if verification is None:
-        return card(label, "none", "", "no pose was kept out of the fit to check it")
+        return card(label, "none", "", "no poses were measured for checking alone")
     counted_rows = [row for row in verification.rows if row.state != "void"]
     inside = sum(row.state == "passed" for row in counted_rows)
     about = f"{inside} of {counted(len(counted_rows), 'check')} within limits"
-    return card(label, verification.state, "", f"{about}, on poses kept out of the fit")
+    return card(label, verification.state, "", f"{about}, on poses measured for checking alone")
 
 
 def figure_count(verification: Verification | None) -> int:

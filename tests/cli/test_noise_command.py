@@ -38,6 +38,7 @@ def test_noise_of_a_table_in_its_own_units(imu_rig: Any, tmp_path: Path) -> None
     assert "deg/√h" in page
     shown = imu_rig("noise", file, *units).stdout
     assert "Angle random walk [deg/√h]" in shown
+    assert max(map(len, shown.splitlines())) <= 80
     assert "too short to determine" in shown
     again = imu_rig("noise", file, *units, "-o", tmp_path / "out", code=2)
     assert "never overwritten" in again.stderr

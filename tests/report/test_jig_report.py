@@ -183,7 +183,7 @@ def test_the_map_has_a_colour_for_every_attitude(make_result):
 
 
 def test_verification_has_a_card_even_where_there_was_none(make_result):
-    assert "Verification none no pose was kept out" in text_of(calibration_report(make_result()))
+    assert "Verification none no poses were measured" in text_of(calibration_report(make_result()))
 
 
 def test_a_nominal_accelerometer_is_not_called_calibrated(make_result):
