@@ -85,8 +85,8 @@ def magnetometer_section(result: CalibrationResult, *, before: int) -> Html:
         element("div", parameter_table(sensor), class_="pair wide"),
         element(
             "p",
-            "Bias is the hard iron: what the sensor reads in no field. Cross-axis x → y: angle by "
-            "which axis x senses toward axis y"
+            "Bias is the hard iron: what the sensor reads in no field. "
+            f"{sensor.directions.name} x → y: angle by which axis x senses toward axis y"
             + (" of the accelerometer." if mag.alignment != "none" else " of the sensor itself."),
             class_="note",
         ),
@@ -127,8 +127,8 @@ def _facts(mag: MagResult) -> list[tuple[str, str]]:
 def magnitude_figure(points: MagPoints) -> Figure:
     """Magnitude of the field over time, before and after calibration."""
     figure = new_figure(370.0)
-    above = panel(figure, 66.0, 226.0, 442.0, 116.0)
-    below = panel(figure, 66.0, 46.0, 442.0, 132.0)
+    above = panel(figure, 80.0, 226.0, 428.0, 116.0)
+    below = panel(figure, 80.0, 46.0, 428.0, 132.0)
     size = 6.0 if len(points.t) <= MANY else 3.0
     t = points.t - points.t[0]
     above.plot(t, 100.0 * points.before, "s", color=BEFORE, markersize=size, label="before")
