@@ -109,7 +109,7 @@ def _solve(
     fit = fit_joint(mended.data, prior, mended.state)
     if g_sensitivity_shows(fit):
         prior = with_g_sensitivity(prior)
-        fit = fit_joint(data, prior, fit.state)
+        fit = fit_joint(mended.data, prior, fit.state)
         fit, session, G = _without_g_sensitivity(session, usable, fit, radial.affine)
         findings.append(g_sensitivity_finding(G))
     findings += drift_findings(fit)

@@ -61,7 +61,8 @@ SCALE_DOF = 4.0
 """Weight of the start value of a scale, in observations."""
 VARIANCE_FROM = 3
 """Step from which on the scales follow the data: before, residuals show the start, not noise."""
-STEPS = 30
+STEPS = 80
+"""Most steps; variance components of nearly equal effect settle slowly."""
 CONVERGED = 0.003
 """Largest step in standard uncertainties that ends the iteration."""
 SETTLED = 0.02

@@ -292,6 +292,15 @@ def test_a_gyroscope_that_feels_force_is_named_and_its_gain_stays_right():
     assert np.all(np.abs(value - truth)[:9] < 4.5 * sigma[:9])
 
 
+def test_a_slip_is_taken_into_account_where_the_gyroscope_feels_force_too():
+    G = ((0.1, -0.05, 0.08), (0.06, 0.1, -0.1), (-0.1, 0.07, 0.09))
+    session = session_of(36, SessionFaults(slip=(1, 10, 5.0)), g_sensitivity=G)
+    result = solved(session)
+    assert {f.kind for f in result.findings} == {"slip", "g-sensitivity"}
+    # Angles that kept the slip would look like servos that repeat to degrees.
+    assert np.all(result.jig.repeatability < 1.2 * DEG)
+
+
 def test_an_accelerometer_alone_is_calibrated_and_says_so():
     session = session_of(20)
     still = replace(session.block, gyro=np.zeros_like(session.block.gyro))
