@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.joint_data import BIAS_WALK, JointData
@@ -319,13 +318,8 @@ def _scales(
 
 def _inverse(N: FloatArray) -> FloatArray:
     scale = 1.0 / np.sqrt(np.diag(N))
-    scaled = N * np.outer(scale, scale)
-    factor, failed = lapack.dpotrf(scaled, lower=1)
-    if failed:
-        return np.asarray(np.linalg.inv(scaled) * np.outer(scale, scale))
-    lower = np.tril(lapack.dpotri(factor, lower=1)[0])
-    inverse: FloatArray = lower + np.tril(lower, -1).T
-    return inverse * np.outer(scale, scale)
+    inverse: FloatArray = np.linalg.inv(N * np.outer(scale, scale)) * np.outer(scale, scale)
+    return inverse
 
 
 def unit(v: FloatArray) -> FloatArray:

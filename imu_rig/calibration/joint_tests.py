@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import gammaincc
 
 from imu_rig.arrays import FloatArray
+from imu_rig.calibration.chance import chi_square_tail
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.joint_fit import USUAL_DRIFT, JointFit
 from imu_rig.calibration.joint_model import DRIFT, G_SENSITIVITY, NONLINEARITY, ROWS_OF, Prior
@@ -51,7 +51,7 @@ def _probability(fit: JointFit, terms: slice) -> float:
     value, vectors = np.linalg.eigh(information)
     seen = value > 1e-9 * max(float(value.max()), 1e-300)
     statistic = float(np.sum((vectors.T @ score)[seen] ** 2 / value[seen]))
-    return float(gammaincc(seen.sum() / 2.0, statistic / 2.0))
+    return chi_square_tail(statistic, int(seen.sum()))
 
 
 def g_sensitivity_finding(G: FloatArray) -> Finding:
@@ -73,7 +73,7 @@ def drift_findings(fit: JointFit) -> tuple[Finding, ...]:
     """Say how much the sensor changed, if that is more than one that is warm does."""
     drift = fit.state.common[DRIFT]
     C = fit.covariance[DRIFT, DRIFT]
-    improbable = float(gammaincc(len(drift) / 2.0, drift @ np.linalg.solve(C, drift) / 2.0))
+    improbable = chi_square_tail(float(drift @ np.linalg.solve(C, drift)), len(drift))
     beyond = np.abs(drift) > STRONG_DRIFT * USUAL_DRIFT
     if improbable > DRIFT_CHANCE or not np.any(beyond):
         return ()
