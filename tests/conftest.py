@@ -14,6 +14,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import matplotlib as mpl
 import pytest
 from hypothesis import settings
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 mpl.use("agg")
 settings.register_profile("untimed", deadline=None)  # a busy machine fails no test
@@ -21,6 +23,26 @@ settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parent.parent
 LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
+WORKERS = 2  # sessions in simulated time mostly wait; more would get in each other's way
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Share the whole suite between processes; a part of it runs in this one."""
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    return WORKERS if whole and (os.cpu_count() or 1) >= WORKERS else 0
+
+
+class _InWholeFiles(LoadScopeScheduling):
+    """Keep together what shares fixtures: every file, and the folder that shares a session."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        path = nodeid.split("::")[0]
+        return "tests/cli" if path.startswith("tests/cli/") else path
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
+    """Deal tests out to the processes."""
+    return _InWholeFiles(config, log)
 
 
 @pytest.fixture(scope="session")

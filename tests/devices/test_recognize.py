@@ -1,6 +1,5 @@
 """Bytes that are not what was expected, each told by what it is."""
 
-import os
 import re
 from dataclasses import replace
 
@@ -63,7 +62,7 @@ def test_a_wrong_checksum_and_a_wrong_length_are_told_apart():
         (b"\xff\x00" * 300, "00 and FF"),
         (b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9\r\n" * 20, r"text .*GPGGA"),
         (b"\x01\x02\x03", "only 3 bytes"),
-        (os.urandom(30), "only 30 bytes"),
+        (np.random.default_rng(30).bytes(30), "only 30 bytes"),
     ],
 )
 def test_other_streams_are_described(data, word):
