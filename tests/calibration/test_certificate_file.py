@@ -91,7 +91,7 @@ def test_a_file_of_version_1_is_read_and_becomes_the_present_one(tmp_path):
 
 def test_a_result_that_no_sensor_has_gets_no_certificate(result):
     mirrored = Affine(-result.accel.K, result.accel.b, result.accel.covariance)
-    with pytest.raises(DataError, match="K: it mirrors.*wrong sign"):
+    with pytest.raises(DataError, match=r"K: it mirrors.*wrong sign"):
         certificate_of(dataclasses.replace(result, accel=mirrored))
 
 
