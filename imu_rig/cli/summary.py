@@ -131,7 +131,7 @@ def _errors(label: str, stages: ErrorStages, unit: float) -> list[str]:
 
 def _reaches(result: CalibrationResult) -> list[str]:
     """Lines that tell how far errors of a reading at rest and of a turn reach."""
-    from imu_rig.report.accuracy import reading_reach, turn_reach
+    from imu_rig.calibration.reach import reading_reach, turn_reach
 
     rows = (
         ("reading at rest, 95 % [mg]", reading_reach(result), MILLI_G),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -13,48 +11,15 @@ from imu_rig.calibration.accuracy import (
     TURN_DURATION_S,
     rest_sigma,
     sphere,
-    sphere_error,
-    turn_error,
 )
 from imu_rig.calibration.model import Affine, sensor_frame
+from imu_rig.calibration.reach import Reach, reading_reach, turn_reach
 from imu_rig.calibration.result import CalibrationResult
 from imu_rig.report.facts import Truth
 from imu_rig.report.numbers import significant
 from imu_rig.report.page import Html, card
 from imu_rig.report.sphere import hemisphere_map
 from imu_rig.units import DEG, MILLI_G
-
-
-@dataclass(frozen=True)
-class Reach:
-    """Size of errors over all directions: root mean square and largest."""
-
-    rms: float
-    maximum: float
-
-
-def reading_reach(result: CalibrationResult) -> Reach | None:
-    """Return how far 95 % of the errors of a reading at rest reach [m/s^2].
-
-    None without a calibrated accelerometer.
-    """
-    if not result.has_accel:
-        return None
-    error = sphere_error(result.accel, result.gravity.value)
-    factor = result.accel.coverage_factor
-    return Reach(factor * error.rms, factor * error.maximum)
-
-
-def turn_reach(result: CalibrationResult) -> Reach | None:
-    """Return how far 95 % of the errors of a turn of 90 deg reach [rad].
-
-    None without a calibrated gyroscope.
-    """
-    if result.gyro is None:
-        return None
-    error = turn_error(result.gyro)
-    factor = result.gyro.coverage_factor
-    return Reach(factor * error.rms, factor * error.maximum)
 
 
 def accuracy_cards(result: CalibrationResult) -> list[Html]:

@@ -11,8 +11,9 @@ import pytest
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.jig_estimate import Estimate, JigEstimate, Straightness
 from imu_rig.calibration.model import Affine
+from imu_rig.calibration.reach import reading_reach, turn_reach
 from imu_rig.calibration.temperature_term import Slopes, TemperatureTerm
-from imu_rig.report.accuracy import reading_reach, true_errors, turn_reach, uncertainty_map
+from imu_rig.report.accuracy import true_errors, uncertainty_map
 from imu_rig.report.calibration import calibration_report
 from imu_rig.report.facts import JigTruth
 from imu_rig.report.jig import deviation_figure
