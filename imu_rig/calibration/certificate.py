@@ -98,6 +98,21 @@ class Certificate(Part):
             gyro.require_bias_below(GYRO_BIAS_LIMIT, "rad/s")
         return gyro
 
+    @property
+    def has_accel(self) -> bool:
+        """Whether the accelerometer was calibrated; else ``accel`` is a nominal one."""
+        return not (self.accel.affine().is_nominal or self.method == "magnetometer")
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Short names of the sensors that were calibrated: of ``accel``, ``gyro`` and ``mag``."""
+        found = {
+            "accel": self.has_accel,
+            "gyro": self.gyro is not None,
+            "mag": self.mag is not None,
+        }
+        return tuple(name for name, there in found.items() if there)
+
     def save(self, path: Path | str, *, overwrite: bool = False) -> None:
         """Write the file whole or not at all; an existing one is kept unless ``overwrite``.
 

@@ -53,6 +53,11 @@ class Affine:
         """Return the model that changes nothing and is exactly known."""
         return Affine(np.eye(3), np.zeros(3), np.zeros((PARAMETERS, PARAMETERS)))
 
+    @property
+    def is_nominal(self) -> bool:
+        """Whether it changes nothing, as no calibration from data does."""
+        return bool(np.array_equal(self.K, np.eye(3)) and not self.b.any())
+
     def apply(self, raw: FloatArray) -> FloatArray:
         """Calibrate readings, shape (..., 3)."""
         calibrated: FloatArray = raw @ self.K.T - self.b

@@ -232,8 +232,7 @@ class CalibrationResult:
     @property
     def has_accel(self) -> bool:
         """Whether the accelerometer was calibrated; else ``accel`` is a nominal one."""
-        nominal = np.array_equal(self.accel.K, np.eye(3)) and not self.accel.b.any()
-        return not (nominal or self.only_magnetometer)
+        return not (self.accel.is_nominal or self.only_magnetometer)
 
     @property
     def only_magnetometer(self) -> bool:

@@ -109,8 +109,8 @@ def export(
     sys.stdout.write(f"{output} holds the calibration for {to}.\n")
     if lost:
         sys.stderr.write(
-            f"It is an approximation that falsifies {done.loss.words}; lost are "
-            f"{', '.join(done.loss.lost)}.\n"
+            f"It is an approximation that falsifies {done.loss.words}. "
+            f"Lost: {', '.join(done.loss.lost)}.\n"
         )
     for note in done.notes:
         sys.stderr.write(note + "\n")

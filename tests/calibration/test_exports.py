@@ -368,14 +368,55 @@ def test_the_table_has_value_unit_and_uncertainty():
             assert float(row["standard_uncertainty"]) == entry.b_standard_uncertainty[i]
             for j, c in enumerate("xyz"):
                 assert float(found[f"{sensor}_K_{a}{c}"]["value"]) == entry.K[i][j]
-    assert found["accel_lean_xy"]["unit"] == "rad"
+    assert found["accel_non_orthogonality_xy"]["unit"] == "rad"
 
 
 def test_every_target_takes_an_accelerometer_alone():
     source = dataclasses.replace(storable(np.random.default_rng(3)), gyro=None, mag=None)
     for target in (px4, ardupilot, c_header, numpy_code, matlab, table):
         text = target(source, ExportOptions()).text
-        assert "gyro" not in text.lower()
+        assert "gyro" not in text.replace("gyro_calibrated,0.0", "").lower()
+
+
+def with_nominal_accelerometer(certificate, method):
+    """Its accelerometer as a method leaves it that did not calibrate it: data-sheet covariance."""
+    nominal = Affine(np.eye(3), np.zeros(3), np.diag([0.03**2] * 9 + [0.5**2] * 3))
+    return certificate.model_copy(update={"accel": AffineEntry.of(nominal), "method": method})
+
+
+@pytest.mark.parametrize("method", ["turntable", "magnetometer"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_was_not_calibrated_is_left_alone(method, target):
+    certificate = with_nominal_accelerometer(with_magnetometer("dip", 0.0), method)
+    if method == "magnetometer":
+        certificate = certificate.model_copy(update={"gyro": None})
+    options = ExportOptions(nearest=target in ("px4", "ardupilot"))
+    done = export_certificate(certificate, target, options)
+    assert not re.search(r"CAL_ACC|INS_ACC|accel_K|accel_b|accel\(|accel_bias", done.text)
+    assert re.search(r"CAL_MAG|COMPASS|mag_K", done.text)
+    assert bool(re.search(r"CAL_GYRO|INS_GYR|gyro_K", done.text)) == (method == "turntable")
+    said = "accelerometer was not calibrated"
+    assert sum(said in note for note in done.notes) == 1
+    assert said in re.sub(r"\s[#*%]?\s*", " ", done.text) or "accel_calibrated,0.0," in done.text
+    assert done.loss.accel is None
+    assert "readings at rest" not in done.text
+
+
+def test_a_certificate_of_nothing_is_refused():
+    certificate = with_nominal_accelerometer(load_certificate(STORED), "turntable")
+    with pytest.raises(InputError, match="nothing to export"):
+        export_certificate(certificate.model_copy(update={"gyro": None}), "px4")
+
+
+@pytest.mark.parametrize("target", [px4, ardupilot])
+def test_what_is_not_lost_is_not_among_the_losses(target):
+    source = storable(np.random.default_rng(5))  # a loss of the gyroscope alone
+    source = dataclasses.replace(source, gyro=exact(np.diag([1.02, 1, 1]), [0.01, 0, 0]))
+    with pytest.raises(InputError) as caught:
+        target(source, ExportOptions())
+    assert "falsify a 90 deg turn by up to" in str(caught.value)
+    assert "mg" not in str(caught.value)
+    assert "field" not in str(caught.value)
 
 
 def with_magnetometer(alignment, turn):
@@ -409,7 +450,11 @@ def test_the_magnetometer_of_a_certificate_is_exported():
     assert triple(p, "CAL_MAG0_{}OFF") == pytest.approx(np.linalg.solve(model.K, model.b) / 100)
     assert done.loss.field == pytest.approx(0.05, rel=0.1)  # the turn that no symmetry holds
     assert "turn of the magnetometer" in re.sub(r"\n# ", " ", done.text)
-    for target, words in (("c", "_mag("), ("numpy", "def calibrate_mag"), ("csv", "mag_lean_zy")):
+    for target, words in (
+        ("c", "_mag("),
+        ("numpy", "def calibrate_mag"),
+        ("csv", "mag_cross_axis_zy"),
+    ):
         assert words in export_certificate(certificate, target).text
 
 
@@ -418,7 +463,7 @@ def test_a_magnetometer_that_was_not_aligned_stays_in_its_own_axes():
     done = export_certificate(certificate, "ardupilot", ExportOptions(nearest=True))
     assert done.loss.field == pytest.approx(0.0, abs=1e-9)
     assert any("not aligned" in note for note in done.notes)
-    assert "mag_lean_zy" not in export_certificate(certificate, "csv").text
+    assert "mag_cross_axis_zy" not in export_certificate(certificate, "csv").text
     turned = Source.of(certificate)
     Q = rotation.about_z(np.array(0.1))
     turned = dataclasses.replace(turned, accel=turned.accel.rotated(Q))

@@ -45,14 +45,15 @@ def ardupilot(source: Source, options: ExportOptions) -> Exported:
     ordinal = "" if options.slot == 0 else str(options.slot + 1)
     rows: list[tuple[str, str]] = []
     notes: list[str] = []
-    accel = kept.models["accel"]
-    if np.all(np.abs(accel.offset) < SMALLEST):
-        accel = replace(accel, offset=np.array([NOT_ZERO, 0.0, 0.0]))
-        notes.append(
-            f"All offsets are 0, which {NAME} takes for not calibrated: INS_ACC{ordinal}OFFS_X is "
-            f"{NOT_ZERO} m/s^2 instead."
-        )
-    rows += _accel(accel, ordinal, options.device_ids.get("accel"))
+    if "accel" in kept.models:
+        accel = kept.models["accel"]
+        if np.all(np.abs(accel.offset) < SMALLEST):
+            accel = replace(accel, offset=np.array([NOT_ZERO, 0.0, 0.0]))
+            notes.append(
+                f"All offsets are 0, which {NAME} takes for not calibrated: INS_ACC{ordinal}OFFS_X "
+                f"is {NOT_ZERO} m/s^2 instead."
+            )
+        rows += _accel(accel, ordinal, options.device_ids.get("accel"))
     if "gyro" in kept.models:
         rows += _gyro(kept.models["gyro"], ordinal, options.device_ids.get("gyro"))
         notes.append(

@@ -6,6 +6,11 @@ from dataclasses import dataclass
 
 from imu_rig.units import DEG, MILLI_G
 
+LEAST_ACCEL = 0.01 * MILLI_G
+LEAST_TURN = 0.001 * DEG
+LEAST_FIELD = 1e-5
+"""What is less is the rounding of a parameter."""
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -28,26 +33,30 @@ class Loss:
     @property
     def lost(self) -> tuple[str, ...]:
         """What is lost beyond the rounding of a parameter's value, in words."""
-        sizes = {
-            "cross terms of the accelerometer": (self.accel, 0.01 * MILLI_G),
-            "gains and cross terms of the gyroscope": (self.turn, 0.001 * DEG),
-            "the turn of the magnetometer's axes": (self.field, 1e-5),
-        }
-        return tuple(
-            words for words, (size, least) in sizes.items() if size is not None and size > least
+        names = (
+            (self.accel, LEAST_ACCEL, "cross terms of the accelerometer"),
+            (self.turn, LEAST_TURN, "gains and cross terms of the gyroscope"),
+            (self.field, LEAST_FIELD, "the turn of the magnetometer's axes"),
         )
+        return tuple(words for size, least, words in names if size is not None and size > least)
 
     @property
     def words(self) -> str:
-        """``readings at rest by up to 18.3 mg, a 90 deg turn by up to 1.92 deg``."""
-        parts = []
-        if self.accel is not None:
-            parts.append(f"readings at rest by up to {self.accel / MILLI_G:.3g} mg")
-        if self.turn is not None:
-            parts.append(f"a 90 deg turn by up to {self.turn / DEG:.3g} deg")
-        if self.field is not None:
-            parts.append(f"the magnetic field by up to {100 * self.field:.3g} %")
-        return ", ".join(parts)
+        """``readings at rest by up to 18.3 mg, a 90 deg turn by up to 1.92 deg``.
+
+        What only a parameter's rounding falsifies is left out.
+        """
+        sizes = (
+            (self.accel, LEAST_ACCEL, MILLI_G, "readings at rest by up to {:.3g} mg"),
+            (self.turn, LEAST_TURN, DEG, "a 90 deg turn by up to {:.3g} deg"),
+            (self.field, LEAST_FIELD, 0.01, "the magnetic field by up to {:.3g} %"),
+        )
+        parts = [
+            words.format(size / unit)
+            for size, least, unit, words in sizes
+            if size is not None and size > least
+        ]
+        return ", ".join(parts) or "nothing"
 
     def figures(self) -> dict[str, float]:
         """Return the same in units of people, for JSON."""

@@ -10,6 +10,7 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.certificate import Certificate
 from imu_rig.calibration.model import PARAMETERS, Affine, sensor_frame
+from imu_rig.errors import InputError
 from imu_rig.foreign_text import wrapped
 from imu_rig.units import STANDARD_GRAVITY
 
@@ -30,7 +31,7 @@ class Source:
     about : tuple of str
         Lines that say whose calibration it is; each is one line of printable characters.
     accel : Affine
-        Accelerometer [m/s^2].
+        Accelerometer [m/s^2]; its axes are those of all sensors.
     gyro : Affine or None
         Gyroscope [rad/s].
     mag : Affine or None
@@ -43,6 +44,9 @@ class Source:
         Size of the magnetic field that errors are judged at [uT].
     notes : tuple of str
         What no export holds, one sentence each.
+    has_accel : bool
+        Whether the accelerometer was calibrated. What is not calibrated is not exported: it would
+        take the place of a calibration that the user has.
     """
 
     about: tuple[str, ...]
@@ -53,12 +57,27 @@ class Source:
     mag_aligned: bool = True
     field: float = DEFAULT_FIELD
     notes: tuple[str, ...] = ()
+    has_accel: bool = True
 
     @staticmethod
     def of(certificate: Certificate) -> Source:
-        """Take what a certificate holds; its texts come from outside and are made harmless."""
+        """Take what a certificate holds; its texts come from outside and are made harmless.
+
+        Raises
+        ------
+        InputError
+            Nothing was calibrated.
+        """
         device, term, mag = certificate.device, certificate.temperature, certificate.mag
+        if not certificate.calibrated:
+            raise InputError(
+                "No sensor of this certificate was calibrated, so there is nothing to export."
+            )
         notes = []
+        if not certificate.has_accel:
+            notes.append("The accelerometer was not calibrated, so nothing is exported for it.")
+        if certificate.gyro is None:
+            notes.append("The gyroscope was not calibrated, so nothing is exported for it.")
         if term is not None:
             notes.append(
                 f"The calibration holds at {term.reference_c:.1f} degC; how it changes with "
@@ -76,10 +95,11 @@ class Source:
             f"Calibration of {named}",
             f"made {certificate.date.isoformat()} by {certificate.software}, "
             f"method {certificate.method}",
-            certificate.gravity.gravity().statement,
         ]
+        if certificate.has_accel:
+            about.append(certificate.gravity.gravity().statement)
         if certificate.warnings:
-            about.append(f"The certificate has {len(certificate.warnings)} warning(s): read them.")
+            about.append(f"Warnings of the certificate: {len(certificate.warnings)}; read them.")
         return Source(
             about=tuple(part for line in (*about, *notes) for part in wrapped(line, LINE_WIDTH)),
             accel=certificate.accel.affine(),
@@ -89,12 +109,14 @@ class Source:
             field=DEFAULT_FIELD if mag is None else mag.field_ut,
             gravity=certificate.gravity.value,
             notes=tuple(notes),
+            has_accel=certificate.has_accel,
         )
 
     @property
     def sensors(self) -> dict[str, Affine]:
-        """The models there are, by the short name of the sensor."""
-        models = {"accel": self.accel, "gyro": self.gyro, "mag": self.mag}
+        """The models to export, by the short name of the sensor."""
+        accel = self.accel if self.has_accel else None
+        models = {"accel": accel, "gyro": self.gyro, "mag": self.mag}
         return {name: model for name, model in models.items() if model is not None}
 
     def in_sensor_frame(self) -> tuple[Source, float]:
