@@ -44,7 +44,8 @@ class JigEntry(Part):
     """Errors of the jig on which the session ran; angles in rad, pan, tilt and roll in turn.
 
     ``roll_axis`` is the direction of the roll axis in sensor axes, one per mounting; ``level`` the
-    elevation of the sensor's x axis and its sideways lean with all servos commanded to zero.
+    rotation about the sensor's y and x axes by which it is off level with all servos commanded to
+    zero, as in `JigEstimate`: a positive first one points the sensor's x axis down.
     """
 
     servo_gain: Vector
