@@ -140,7 +140,7 @@ def calibrate_from_stills(
         f"The magnetometer's reading in {names[i]} was set aside: it does not fit the others."
         for i in np.flatnonzero(~fit.used)
     ]
-    worst = max(fit.noise[:2])
+    worst = max(fit.noise[:2]) if _dip_counts(fit, up) else fit.noise[0]
     if worst > DISTURBED:
         warnings.append(
             f"The magnetic field differs between the poses {worst:.0f} times as much as noise "
@@ -215,6 +215,17 @@ def calibrate_from_samples(
             "it, or the sensor was moved about instead of turned on the spot."
         )
     return _result(readings, fit, t, warnings, field_ut, on_jig=False)
+
+
+def _dip_counts(fit: FieldFit, force: FloatArray) -> bool:
+    """Whether the dip scatters by more than the accelerometer's own errors explain.
+
+    What makes its magnitude (m, 3) differ between poses turns its directions by about as much: a
+    method that trusts the jig's angles leaves errors in it that no magnetic field makes.
+    """
+    size = np.linalg.norm(force, axis=1)
+    dip = fit.dip_error[np.isfinite(fit.dip_error)]
+    return len(dip) > 0 and _rms(dip) > DISTURBED * float(np.std(size) / np.mean(size))
 
 
 def _up_errors(raw: FloatArray, accel: Affine) -> FloatArray | None:
