@@ -95,8 +95,7 @@ def solve_accelerometer(session: Session) -> tuple[MagnitudeFit, list[str]]:
         raise DataError(
             f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
             f"(scale, non-orthogonality and bias of three axes); record {COMFORTABLE_POSES} or "
-            "more, among them with these sides, edges or corners up: "
-            f"{', '.join(poses_to_add(directions))}{_or_faces(stills.accel_mean)}"
+            f"more; {_add(directions)}{_or_faces(stills.accel_mean)}"
         )
     fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
     figures = physical_figures(fit.affine)
@@ -269,7 +268,11 @@ def _strange_scale(figures: PhysicalFigures, sensor: str, suspects: str) -> list
 
 
 def _add(directions: FloatArray) -> str:
-    return f"add poses with these sides, edges or corners up: {', '.join(poses_to_add(directions))}"
+    missing = poses_to_add(directions)
+    if not missing:
+        # The directions would do; what the poses disagree by is not for want of them.
+        return "add poses in other attitudes in between, each held quite still for some seconds"
+    return f"add poses with these sides, edges or corners up: {', '.join(missing)}"
 
 
 def _named(figures: PhysicalFigures) -> list[tuple[str, int, float]]:

@@ -11,6 +11,7 @@ from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.magnetic import varies
 from imu_rig.calibration.session import CommandedPoses, Session
 from imu_rig.calibration.stills import (
     Stills,
@@ -113,7 +114,8 @@ def prepare(
         warnings.append(_gyro_saturation(gyro_bad))
     holes = len(gaps(block.t))
     if holes:
-        warnings.append(f"The recording has {holes} gap(s) in its samples; no still spans one.")
+        many = "" if holes == 1 else "s"
+        warnings.append(f"The recording has {holes} gap{many} in its samples; no still spans one.")
     warmth = temperature_range(block)
     if warmth is not None and warmth[1] - warmth[0] > WARMED_C:
         warnings.append(
@@ -131,7 +133,7 @@ def prepare(
         gravity=gravity,
         commanded=_commanded_of(commanded, usable),
         gyro_bad=gyro_bad | (frozen | apart)[:, None],
-        has_gyro=bool(np.any(np.ptp(block.gyro, axis=0) > 0)),
+        has_gyro=has_gyro(block),
         findings=tuple(
             f if place is None else replace(f, poses=tuple(int(place[i]) for i in f.poses))
             for f in findings
@@ -142,6 +144,8 @@ def prepare(
 
 def _find(block: ImuBlock) -> Stills:
     """Find the stills, or say that the sample rate is wrong where that explains their lack."""
+    if magnetometer_alone_fits(block):
+        return find_stills(block)  # a sensor turned slowly without a gyroscope rests at any rate
     try:
         stills = find_stills(block)
     except DataError as error:
@@ -154,6 +158,16 @@ def _find(block: ImuBlock) -> Stills:
         if len(slower) >= max(FEWEST_RESTS, 2 * len(stills)):
             raise DataError(_at_another_rate(block, len(slower)))
     return stills
+
+
+def magnetometer_alone_fits(block: ImuBlock) -> bool:
+    """Whether a magnetometer is there to calibrate, and no gyroscope to tell what rested."""
+    return varies(block) and not has_gyro(block)
+
+
+def has_gyro(block: ImuBlock) -> bool:
+    """Whether the gyroscope shows anything at all."""
+    return bool(np.any(np.ptp(block.gyro, axis=0) > 0))
 
 
 def _at_another_rate(block: ImuBlock, count: int) -> str:
@@ -185,7 +199,9 @@ def _moved(stills: Stills, names: tuple[str, ...]) -> list[Finding]:
     return [
         Finding(
             "moved",
-            f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s).",
+            f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s), so "
+            "its mean is taken as less certain: let it settle longer there, and hold it quite "
+            "still.",
             (i,),
         )
         for i in np.flatnonzero(stills.drift > MOVED).tolist()

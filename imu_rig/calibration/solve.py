@@ -21,13 +21,13 @@ from imu_rig.calibration.magnetometer_beside import (
 )
 from imu_rig.calibration.multi_position import multi_position, static
 from imu_rig.calibration.paper_method import paper, paper_diagonal
-from imu_rig.calibration.prepare import prepare, still_spans
+from imu_rig.calibration.prepare import magnetometer_alone_fits, prepare, still_spans
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo
 from imu_rig.calibration.session import CommandedPoses, Outcome, Session
 from imu_rig.calibration.temperature import sensitivity
 from imu_rig.calibration.turntable import turntable
 from imu_rig.calibration.verification import Limits, Scatter, Verification, checks_of, verify
-from imu_rig.errors import InputError
+from imu_rig.errors import DataError, InputError
 
 METHODS: dict[str, Callable[[Session], Outcome]] = {
     "joint": joint,
@@ -101,9 +101,17 @@ def solve(
     facts = known or Known()
     if windows is None and facts.spans:
         windows = windows_with(facts, still_spans(block))
-    session, warnings = prepare(block, windows, local, commanded, accel_limit, gyro_limit)
-    session = replace(session, known=facts)
-    outcome = METHODS[method](session)
+    try:
+        session, warnings = prepare(block, windows, local, commanded, accel_limit, gyro_limit)
+        session = replace(session, known=facts)
+        outcome = METHODS[method](session)
+    except DataError as error:
+        if not magnetometer_alone_fits(block):
+            raise
+        raise DataError(
+            f"{error}. There is a magnetometer and no gyroscope: to calibrate the magnetometer "
+            f"alone, which needs no rests, take --method {MAGNETOMETER}"
+        ) from error
     thermal = sensitivity(session, outcome)
     if thermal is not None:
         session, outcome = thermal.session, thermal.outcome

@@ -8,6 +8,7 @@ import pytest
 from simulated_fields import DEG, FIELD, Compass, jig_matrices, pose_list, session
 from typer.testing import CliRunner
 
+from imu_rig import rotation
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.certificate import apply_certificate, certificate_of, load_certificate
 from imu_rig.calibration.magnetic import calibrate_from_samples
@@ -68,6 +69,38 @@ def test_the_joint_fit_hands_on_its_attitudes(on_jig):
     assert result.mag.alignment == "attitudes"
     assert result.mag.warnings == ()
     assert error_deg(result, on_jig.truth) < 0.08
+
+
+@pytest.mark.parametrize("method", ["paper", "paper-diagonal"])
+def test_errors_that_trust_in_a_jig_leaves_are_not_taken_for_iron(on_jig, method):
+    """The angles of a hobby servo spoil the accelerometer's axes, not the magnetic field."""
+    block, commanded = on_jig.block, CommandedPoses(POSES)
+    clean = solve(block, on_jig.windows, method=method, commanded=commanded)
+    assert not any("iron, magnets or currents" in w for w in clean.warnings)
+    magnet = np.where(block.t > np.median(block.t), 2.0, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    near = replace(block, mag=block.mag + magnet)
+    disturbed = solve(near, on_jig.windows, method=method, commanded=commanded)
+    assert any("iron, magnets or currents" in w for w in disturbed.warnings)
+
+
+@pytest.mark.parametrize("hertz", [10, 50])
+def test_a_compass_without_gyroscope_is_told_the_method_that_works(hertz):
+    """Turned slowly and never at rest; the rate stated may be any."""
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) / hertz
+    turned = rotation.from_rotation_vector(
+        np.cumsum(0.012 * np.array([1.0, 0.7, 0.4]) * np.sin(0.002 * np.arange(4000))[:, None], 0)
+        + np.array([0.3, 0.0, 0.0]) * np.arange(4000)[:, None] * 0.01
+    )
+    down = rotation.to_matrix(turned)
+    accel = 9.8 * down[:, 2] + 0.05 * rng.standard_normal((4000, 3))
+    mag = 48.0 * down[:, 0] + 0.3 * rng.standard_normal((4000, 3))
+    block = ImuBlock(t, accel, np.zeros((4000, 3)), t, mag=mag)
+    with pytest.raises(DataError) as caught:
+        solve(block)
+    sentence = str(caught.value)
+    assert "--method magnetometer" in sentence
+    assert "sample rate" not in sentence
 
 
 @pytest.mark.parametrize(

@@ -358,6 +358,18 @@ def test_without_a_gyroscope_the_accelerometer_is_calibrated_all_the_same():
     assert any("only the accelerometer" in w for w in result.warnings)
 
 
+def test_poses_that_disagree_are_not_answered_with_an_empty_list():
+    """Every direction is there, so that none can be named to add."""
+    _, recording = session(22, 30)
+    wrong = np.random.default_rng(1).uniform(0.6, 1.4, len(recording.holds))
+    pose = np.searchsorted(recording.holds[:, 1], recording.block.t).clip(max=len(wrong) - 1)
+    block = replace(recording.block, accel=recording.block.accel * wrong[pose, None])
+    with pytest.raises(DataError, match="do not determine") as caught:
+        solve(block, recording.holds)
+    assert "corners up" not in str(caught.value)
+    assert "held quite still" in str(caught.value)
+
+
 def test_gaps_temperature_and_motion_in_a_hold_are_reported():
     _, recording = session(21, 20)
     t = recording.block.t
@@ -371,7 +383,9 @@ def test_gaps_temperature_and_motion_in_a_hold_are_reported():
     result = solve(block[gap], holds)
     assert any("1 gap" in w for w in result.warnings)
     assert any("7.0 degC" in w for w in result.warnings)
-    assert any("moved during pose 5" in w for w in result.warnings)
+    (moved,) = [w for w in result.warnings if "moved during pose 5" in w]
+    assert "less certain: let it settle longer" in moved
+    assert result.poses[4].sigma > 3.0 * np.median([pose.sigma for pose in result.poses])
     assert result.temperature_c == (25.0, 32.0)
 
 
