@@ -27,6 +27,8 @@ Rates = Annotated[
     Path | None,
     typer.Option("--rates", help="turntable: CSV or TOML of t0, t1, axis and rate_dps."),
 ]
+TAKES_PARTS = ("auto", "multi-position", "static", "ferraris")
+"""Methods that rest on still poses, which a column of parts names."""
 LARGEST_TURN_DEG = 7200.0
 
 
@@ -71,13 +73,18 @@ class KnownOptions:
 def read_with_facts(
     file: Path, columns: ColumnMap, method: str, options: KnownOptions
 ) -> tuple[ImuBlock, Known]:
-    """Read a table, with the parts that a column of it names where the method asks for parts."""
+    """Read a table, with the parts that a column of it names.
+
+    Parts are cut out and put together, so that rests found without them would run on from one
+    into the next. Only the method for faces and turns insists on names that it knows.
+    """
     from dataclasses import replace
 
-    from imu_rig.importing.parts import has_parts, read_annotated
+    from imu_rig.importing.parts import has_known_parts, has_parts, read_annotated
     from imu_rig.importing.read_table import read_table
 
-    if method == "ferraris" and options.parts is None and has_parts(file, columns):
+    named = has_parts if method == "ferraris" else has_known_parts
+    if options.parts is None and method in TAKES_PARTS and named(file, columns):
         block, parts = read_annotated(file, columns)
         return block, replace(options.facts(block), parts=parts)
     block = read_table(file, columns)

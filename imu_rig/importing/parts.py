@@ -31,6 +31,16 @@ def has_parts(path: Path, columns: ColumnMap) -> bool:
     return bool(names) and PART_COLUMN in (names or ())
 
 
+def has_known_parts(path: Path, columns: ColumnMap) -> bool:
+    """Whether it names a face or a turn among them; other columns may be called so too."""
+    if not has_parts(path, columns):
+        return False
+    form = _form(path, columns)
+    names = columns.columns or form.names or ()
+    words = read_words(path, form, names.index(PART_COLUMN))
+    return not {*FACES, *TURNS}.isdisjoint(words)
+
+
 def read_annotated(path: Path, columns: ColumnMap) -> tuple[ImuBlock, tuple[Part, ...]]:
     """Read a table whose column `PART_COLUMN` names the part that every row belongs to.
 

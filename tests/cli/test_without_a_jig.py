@@ -2,12 +2,15 @@
 
 import json
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from imu_rig.cli import working
 from imu_rig.cli.working import Working
+from imu_rig.importing.column_map import load_column_map
+from imu_rig.importing.read_table import read_table
 
 DEG = np.pi / 180
 
@@ -72,3 +75,41 @@ def test_a_long_computation_shows_a_sign_of_life_and_a_short_one_does_not(monkey
         sign.now("Solving")
         time.sleep(0.1)
     assert capsys.readouterr().err.startswith("Solving ... 0 s")
+
+
+def test_named_faces_without_a_method_are_told_the_one_that_takes_them(inside, tmp_path):
+    """Parts that were cut out of a recording and put together run on from one into the next."""
+    rng = np.random.default_rng(2)
+    rows = ["part,ax,ay,az,gx,gy,gz"]
+    for name, up in (("x", 0), ("y", 1), ("z", 2)):
+        for sense, sign in (("a", -1.0), ("p", 1.0)):
+            face = np.zeros(6)
+            face[up] = sign
+            noise = [0.003] * 3 + [0.05] * 3
+            rows += [
+                f"{name}_{sense}," + ",".join(f"{v:.5f}" for v in row)
+                for row in face + noise * rng.standard_normal((300, 6))
+            ]
+    table = tmp_path / "faces.csv"
+    table.write_text("\n".join(rows) + "\n")
+    stderr = inside("solve", table, *UNITS, "--rate", 100, code=2).stderr
+    assert "6 still poses cannot determine" in stderr
+    assert "All six faces are there" in stderr
+    assert "--method ferraris" in stderr
+    advised = stderr.split("corners up: ")[1].split(".")[0].split(", ")
+    assert not {"+x", "-x", "+y", "-y", "+z", "-z"} & set(advised)
+    other = table.read_text().replace("_a,", "_first,").replace("_p,", "_second,")
+    table.write_text(other)
+    inside("solve", table, *UNITS, "--rate", 100, code=2)
+
+
+def test_the_column_map_of_the_readme_can_be_read(tmp_path):
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    example = readme.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "map.toml").write_text(example)
+    rng = np.random.default_rng(3)
+    rest = [0, 0, 16384, 0, 0, 0, 20, 0, -40] + 2.0 * rng.standard_normal((400, 9))
+    np.savetxt(tmp_path / "bare.txt", rest, fmt="%.1f")
+    block = read_table(tmp_path / "bare.txt", load_column_map(tmp_path / "map.toml"))
+    assert block.accel[:, 2].mean() == pytest.approx(9.80665, abs=0.01)
+    assert block.mag[:, 2].mean() == pytest.approx(-40, abs=1)
