@@ -27,6 +27,9 @@ MAG_LEAST, MAG_GREATEST = -4096, 4095
 
 HISTORY_S = 3600
 """Seconds of true offsets that are remembered."""
+HISTORY_HZ = 10
+"""Values remembered per second: over a hold of 2 s, an offset walks further between two values a
+second apart than a calibration is uncertain by."""
 
 WALK_TIME_S = 600.0
 """The time after which a walk has the standard deviation that its name gives."""
@@ -101,14 +104,14 @@ class Mpu9150:
             (model.accel_offset_mg_per_c * MILLI_G, model.gyro_offset_dps_per_c * DEG), 3
         )
         self._walks = np.zeros(6)
-        self._history: deque[tuple[float, FloatArray]] = deque(maxlen=HISTORY_S)
+        self._history: deque[tuple[float, FloatArray]] = deque(maxlen=HISTORY_S * HISTORY_HZ)
         self._remembered_s = -1.0
 
     def offsets(self, start_s: float, stop_s: float) -> FloatArray:
         """Return the mean true offsets between two world times, shape (6,).
 
         Three of the accelerometer [m/s^2] and three of the gyroscope [rad/s], with walk and
-        warm-up, from about one value per second of the last hour; the nearest one where none is
+        warm-up, from about `HISTORY_HZ` values per second of the last hour; the nearest one where none is
         in between. At the very start, those of the model.
         """
         if not self._history:
@@ -179,7 +182,8 @@ class Mpu9150:
         )
 
     def _remember(self, t: FloatArray, offsets: FloatArray) -> None:
-        for row in np.flatnonzero(np.diff(np.floor(t), prepend=np.floor(self._remembered_s))):
+        tick = np.floor(HISTORY_HZ * t)
+        for row in np.flatnonzero(np.diff(tick, prepend=np.floor(HISTORY_HZ * self._remembered_s))):
             self._history.append((float(t[row]), offsets[row].copy()))
         if len(t):
             self._remembered_s = float(t[-1])
