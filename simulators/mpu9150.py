@@ -111,8 +111,8 @@ class Mpu9150:
         """Return the mean true offsets between two world times, shape (6,).
 
         Three of the accelerometer [m/s^2] and three of the gyroscope [rad/s], with walk and
-        warm-up, from about `HISTORY_HZ` values per second of the last hour; the nearest one where none is
-        in between. At the very start, those of the model.
+        warm-up, from `HISTORY_HZ` values per second of the last hour; the nearest one where none
+        is in between. At the very start, those of the model.
         """
         if not self._history:
             return self._offsets
