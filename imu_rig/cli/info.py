@@ -14,6 +14,7 @@ from imu_rig.cli.options import Json
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
+    from imu_rig.calibration.result import DeviceInfo
     from imu_rig.recording.reader import Trial
 
 CERTIFICATE_SUFFIX = ".json"
@@ -116,3 +117,15 @@ def require_one_imu(trial: Trial, name: str | None) -> str:
             "name one with --sensor."
         )
     return sensors[0]
+
+
+def recorded_device(trial: Trial, name: str) -> DeviceInfo:
+    """Return what a trial says of its sensor ``name``."""
+    from imu_rig.calibration.result import DeviceInfo
+    from imu_rig.session.history import IMU_SOURCE, is_session, read_session
+    from imu_rig.session.recheck import device_of
+
+    if is_session(trial) and name == IMU_SOURCE:
+        return device_of(read_session(trial))
+    layout = trial.sources[name].descriptor.get("layout", {}).get("name", "")
+    return DeviceInfo(name=name, layout=layout)

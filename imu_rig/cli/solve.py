@@ -116,9 +116,8 @@ def solve(
 def _solve_trial(
     trial: Trial, method: str, gravity: Gravity, field: float | None, beside: KnownOptions
 ) -> CalibrationResult:
-    from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
-    from imu_rig.cli.info import require_one_imu
+    from imu_rig.cli.info import recorded_device, require_one_imu
     from imu_rig.session.history import is_session
     from imu_rig.session.solve import solve_session
 
@@ -131,6 +130,6 @@ def _solve_trial(
         method=method,
         gravity=gravity,
         field_ut=field,
-        device=DeviceInfo(name=sensor),
+        device=recorded_device(trial, sensor),
         known=beside.facts(block),
     )

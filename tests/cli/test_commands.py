@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ import pytest
 from program import PROGRAM
 
 from imu_rig.calibration.certificate import apply_certificate, load_certificate
+from imu_rig.calibration.certificate_magnetometer import MagEntry
+from imu_rig.calibration.certificate_parts import AffineEntry
+from imu_rig.calibration.model import Affine
 from imu_rig.recording.reader import open_trial
 
 
@@ -244,14 +248,66 @@ def test_a_certificate_without_gyroscope_leaves_it_raw_and_says_so(
 ) -> None:
     content = json.loads(Path(finished["files"]["certificate"]).read_text())
     content["gyro"] = None
-    content["device"]["layout"] = "of-another-sensor"
     path = tmp_path / "accel-only.json"
     path.write_text(json.dumps(content))
     trial = finished["files"]["trial"]
     done = inside("export", trial, "--certificate", path, "-o", tmp_path / "x.csv", "--json")
-    assert json.loads(done.stdout)["calibrated"] == ["accel"]
-    assert "raw" in done.stderr
-    assert "of-another-sensor" in done.stderr
+    assert json.loads(done.stdout)["calibrated"] == ["accel", "mag"]
+    assert "no gyroscope: its columns are raw" in done.stderr
+
+
+@pytest.mark.parametrize("field", ["serial", "name", "layout"])
+def test_the_certificate_of_another_sensor_is_not_applied_unless_asked_for(
+    inside: Any, finished: dict[str, Any], tmp_path: Path, field: str
+) -> None:
+    content = json.loads(Path(finished["files"]["certificate"]).read_text())
+    content["device"][field] = "of-another-sensor"
+    if field == "name":
+        content["device"]["serial"] = ""  # else the serial number decides
+    path, table = tmp_path / "another.json", tmp_path / "x.csv"
+    path.write_text(json.dumps(content))
+    asked = ("export", finished["files"]["trial"], "--certificate", path, "-o", table)
+    refused = inside(*asked, code=2)
+    assert "of-another-sensor" in refused.stderr
+    assert "--any-device" in refused.stderr
+    assert not table.exists()
+    done = inside(*asked, "--any-device")
+    assert "all the same" in done.stderr
+    assert "calibrated (accel, gyro, mag) samples" in done.stdout
+
+
+def test_an_export_lists_every_sensor_that_was_calibrated(
+    finished: dict[str, Any], tmp_path: Path, inside: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the field alone."""
+    files = finished["files"]
+    certificate = load_certificate(files["certificate"])
+    nominal = AffineEntry.of(Affine(np.eye(3), np.zeros(3), 1e-4 * np.eye(12)))
+    iron = AffineEntry.of(Affine(np.eye(3), np.array([20.0, 0.0, 0.0]), 1e-4 * np.eye(12)))
+    mag = MagEntry(
+        affine=iron,
+        alignment="none",
+        field_ut=48.0,
+        field_known=False,
+        from_stills=False,
+        count=900,
+        before_percent=30.0,
+        residual_percent=0.5,
+        left_out_percent=0.6,
+    )
+    path, table = tmp_path / "mag.json", tmp_path / "x.csv"
+    changed = {"mag": mag, "accel": nominal, "gyro": None, "method": "magnetometer"}
+    certificate.model_copy(update=changed).save(path)
+    block = open_trial(files["trial"]).imu("imu")
+    measured = replace(block, mag=np.tile([60.0, 0.0, 0.0], (len(block), 1)))
+    monkeypatch.setattr("imu_rig.recording.reader.Trial.imu", lambda self, name: measured)
+    done = inside("export", files["trial"], "--certificate", path, "-o", table)
+    assert "calibrated (mag) samples" in done.stdout
+    assert "no accelerometer" in done.stderr
+    assert "no gyroscope" in done.stderr
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    assert rows[:, 1:4] == pytest.approx(block.accel, rel=1e-6, abs=1e-6)
+    assert np.any(np.all(np.isclose(rows, 40.0), axis=0))
 
 
 def hostile_files(folder: Path) -> dict[str, Path]:
