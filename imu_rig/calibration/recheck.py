@@ -231,5 +231,5 @@ def _circumstances(certificate: Certificate, block: ImuBlock, turns: bool) -> li
         )
     holes = len(gaps(block.t))
     if holes:
-        notes.append(f"The recording has {holes} gap(s) in its samples.")
+        notes.append(f"The recording has {holes} gap{'' if holes == 1 else 's'} in its samples.")
     return notes

@@ -479,7 +479,8 @@ def _void_move(name: str, reason: str, limits: Limits) -> CheckRow:
 
 
 def _reason(row: CheckRow) -> str:
-    where = f"Check {row.kind} {row.name}"
+    told = row.kind == "pose" and row.name.startswith("pose ")
+    where = f"Check {row.name}" if told else f"Check {row.kind} {row.name}"
     if row.error is None or row.sigmas is None:
         return f"{where} counts for nothing: {row.void}."
     unit, name = (MILLI_G, "mg") if row.kind == "pose" else (DEG, "deg")

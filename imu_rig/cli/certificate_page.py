@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.cli.summary import paragraph, verification_lines
+from imu_rig.cli.summary import FIXED_BELOW, paragraph, verification_lines
 from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line, printable, wrapped
 from imu_rig.units import DEG, MILLI_G
 
@@ -24,8 +24,6 @@ COLUMN = 21
 VALUE = 10
 STAGES = ("raw", "fitted", "left out")
 MILLIRADIAN = 1e-3
-FIXED_BELOW = 1e-12
-"""A standard uncertainty below belongs to what a convention or the method fixed."""
 
 
 def certificate_lines(certificate: Certificate) -> list[str]:
@@ -36,10 +34,13 @@ def certificate_lines(certificate: Certificate) -> list[str]:
 
     accel = certificate.accel.affine()
     lines = _head(certificate)
-    lines += _model("Accelerometer", accel, "m/s^2")
-    lines += _figures(physical_figures(accel), MILLI_G, "mg", accel.coverage_factor)
-    error = sphere_error(accel, certificate.gravity.value)
-    lines += _directional("at rest", error, MILLI_G, "mg", "all attitudes", "up along")
+    if certificate.has_accel:
+        lines += _model("Accelerometer", accel, "m/s^2")
+        lines += _figures(physical_figures(accel), MILLI_G, "mg", accel.coverage_factor)
+        error = sphere_error(accel, certificate.gravity.value)
+        lines += _directional("at rest", error, MILLI_G, "mg", "all attitudes", "up along")
+    else:
+        lines += ["", "Accelerometer: not calibrated"]
     if certificate.gyro is not None:
         gyro = certificate.gyro.affine()
         lines += _model("Gyroscope", gyro, "rad/s")
@@ -192,11 +193,12 @@ def _figures(
     figures: PhysicalFigures, bias_unit: float, bias_name: str, factor: float
 ) -> list[str]:
     lines = [_row("scale [%]", figures.scale_percent, figures.scale_percent_u, "xyz")]
+    lines.append(f"  {figures.angles} [mrad]")
     for start in range(0, len(figures.cross_names), 3):
         part = slice(start, start + 3)
         lines.append(
             _row(
-                "" if start else "lean [mrad]",
+                "",
                 figures.cross_rad[part] / MILLIRADIAN,
                 figures.cross_rad_u[part] / MILLIRADIAN,
                 figures.cross_names[part],
@@ -306,7 +308,7 @@ def _verification(certificate: Certificate) -> list[str]:
     if certificate.verification is None:
         return []
     found = certificate.verification.verification(has_gyro=certificate.gyro is not None)
-    return ["", *verification_lines(found)]
+    return ["", *verification_lines(found, reported=False, every="are shown by --json")]
 
 
 def _figures_json(figures: PhysicalFigures) -> dict[str, Any]:

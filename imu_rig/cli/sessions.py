@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imu_rig.cli.hands import TerminalHands
 from imu_rig.cli.live import SessionView, stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
-from imu_rig.errors import InputError, SessionStopped
+from imu_rig.errors import AnotherSensor, InputError, SessionStopped
 from imu_rig.session.progress import Hands, Progress, StopRequest, ignore
 
 if TYPE_CHECKING:
@@ -106,6 +106,8 @@ def run_in_view(
                 observe=observe,
                 notify=view.notify,
             )
+    except AnotherSensor:
+        raise  # how to go on would be how to go on with the wrong one
     except SessionStopped as error:
         raise type(error)(f"{error} {_what_next(trial, ports)}") from error
 
@@ -201,7 +203,7 @@ def show(
     if as_json:
         sys.stdout.write(json_text(certificate, files, truth) + "\n")
         return
-    for line in result_lines(result, truth):
+    for line in result_lines(result, truth, reported="report" in files):
         sys.stdout.write(line + "\n")
     if files:
         sys.stdout.write("\n")

@@ -29,12 +29,19 @@ LABEL_WIDTH = 33
 NUMBER_WIDTH = 11
 WIDTH = 78
 MOST_REASONS = 6
+ENDED_WIDTH = 44
+"""Of the words for how the checks of one kind ended."""
+IN_A_REPORT = "are in a report, which --output DIR writes"
+FIXED_BELOW = 1e-12
+"""A standard uncertainty below belongs to what a convention or the method fixed."""
 
 
-def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[str]:
+def result_lines(
+    result: CalibrationResult, truth: Truth | None = None, *, reported: bool = True
+) -> list[str]:
     """Lines that tell a result; with ``truth`` beside the true values.
 
-    Uncertainties are standard uncertainties.
+    Uncertainties are standard uncertainties; ``reported`` says whether there is a report too.
     """
     from imu_rig.calibration.findings import by_importance
     from imu_rig.calibration.model import physical_figures
@@ -52,7 +59,7 @@ def result_lines(result: CalibrationResult, truth: Truth | None = None) -> list[
     lines += _reaches(result)
     lines += [] if mag is None else [magnetometer_errors(mag)]
     if result.verification is not None:
-        lines += ["", *verification_lines(result.verification)]
+        lines += ["", *verification_lines(result.verification, reported=reported)]
     lines.append("")
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))
@@ -86,31 +93,40 @@ def _failed(verification: Verification | None) -> list[str]:
     return [*paragraph(verification.headline, mark="!! "), ""]
 
 
-def verification_lines(verification: Verification) -> list[str]:
-    """Lines that tell how checks kept out of the fit ended."""
+def verification_lines(
+    verification: Verification, *, reported: bool = True, every: str = IN_A_REPORT
+) -> list[str]:
+    """Lines that tell how checks kept out of the fit ended.
+
+    Where there are too many reasons, the rest are in the report; where there is none
+    (``reported``), ``every`` says how to see them.
+    """
     limits = verification.limits
     lines = paragraph(
         f"{verification.headline} Limits: {limits.accel / MILLI_G:g} mg and "
         f"{limits.turn / DEG:g} deg, and {limits.sigma:g} predicted standard deviations."
     )
     for label, kind, unit, name in (
-        ("check poses, magnitude", "pose", MILLI_G, "mg"),
-        ("check moves, direction", "move", DEG, "deg"),
+        ("poses, magnitude", "pose", MILLI_G, "mg"),
+        ("moves, direction", "move", DEG, "deg"),
     ):
         rows = [row for row in verification.rows if row.kind == kind]
         found = [(abs(r.error), r.sigmas) for r in rows if r.error is not None and r.sigmas]
         if found:
             error, sigmas = (max(column) for column in zip(*found, strict=True))
-            counted = f"{len(found)} of {len(rows)} {label}"
+            failed = sum(row.state == "failed" for row in rows)
+            ended = f"{failed} of {len(found)} FAILED" if failed else f"all {len(found)} passed"
+            void = "" if len(found) == len(rows) else f", {len(rows) - len(found)} void"
             lines.append(
-                f"  {counted:{ERROR_WIDTH}}{error / unit:.3f} {name} and "
+                f"  {f'{label}: {ended}{void}':{ENDED_WIDTH}}{error / unit:.3f} {name}, "
                 f"{sigmas:.1f} std. dev. at most"
             )
     reasons = verification.reasons
     for reason in reasons[:MOST_REASONS]:
         lines += paragraph(one_line(reason, LONGEST_PARAGRAPH), mark="! ")
     if len(reasons) > MOST_REASONS:
-        lines += paragraph(f"{len(reasons) - MOST_REASONS} more are in the report.", mark="! ")
+        where = "are in the report" if reported else every
+        lines += paragraph(f"{len(reasons) - MOST_REASONS} more {where}.", mark="! ")
     return lines
 
 
@@ -188,7 +204,10 @@ def _figures(
     lines = [f"  {sensor}"]
     for i, (label, value, sigma, scale) in enumerate(rows):
         numbers = [value, sigma, *((true[i], value - true[i]) if true else ())]
-        columns = "".join(f"{number / scale:{NUMBER_WIDTH}.4f}" for number in numbers)
+        texts = [f"{number / scale:.4f}" for number in numbers]
+        if sigma < FIXED_BELOW:
+            texts[1] = "fixed"
+        columns = "".join(f"{text:>{NUMBER_WIDTH}}" for text in texts)
         lines.append(f"    {label:{LABEL_WIDTH - 2}}{columns}")
     return lines
 

@@ -230,10 +230,10 @@ def _of_file(file: Path, table: TableOptions, wanted: _Wanted) -> Recheck:
     if trial is not None and is_session(trial):
         return wanted.told_of(trial.sha256, _of_session(trial, wanted))
     if trial is not None:
-        from imu_rig.cli.info import require_one_imu
+        from imu_rig.cli.info import recorded_device, require_one_imu
 
         sensor = require_one_imu(trial, None)
-        wanted.require_same_device(DeviceInfo(name=sensor))
+        wanted.require_same_device(recorded_device(trial, sensor))
         block, digest = trial.imu(sensor), trial.sha256
     else:
         wanted.require_same_device(DeviceInfo())
@@ -324,18 +324,18 @@ def _show(found: Recheck, files: dict[str, str], *, as_json: bool) -> None:
         }
         sys.stdout.write(json.dumps(content, allow_nan=False) + "\n")
         return
-    for line in recheck_lines(found):
+    for line in recheck_lines(found, reported="report" in files):
         sys.stdout.write(line + "\n")
     for kind, path in files.items():
         sys.stdout.write(f"  {kind:12}{path}\n")
 
 
-def recheck_lines(found: Recheck) -> list[str]:
+def recheck_lines(found: Recheck, *, reported: bool) -> list[str]:
     """Lines that tell how a sensor does against its certificate."""
     from imu_rig.calibration.recheck import UNITS
     from imu_rig.cli.summary import paragraph, verification_lines
 
-    lines = verification_lines(found.verification)
+    lines = verification_lines(found.verification, reported=reported)
     if found.drift:
         lines += [
             "",

@@ -87,6 +87,19 @@ def test_the_page_shows_warnings_and_nothing_that_steers_a_terminal(stored, tmp_
     assert all(c.isprintable() or c == "\n" for c in page)
 
 
+def test_the_page_names_angles_and_what_was_not_calibrated(stored, tmp_path):
+    page = run("show", STORED)
+    assert "lean" not in page
+    assert "non-orthogonality [mrad]" in page
+    assert "cross-axis [mrad]" in page
+    nominal = AffineEntry.of(Affine(np.eye(3), np.zeros(3), 1e-4 * np.eye(12)))
+    file = tmp_path / "c.json"
+    changed(stored, accel=nominal, method="turntable").save(file)
+    page = run("show", file)
+    assert "Accelerometer: not calibrated" in page
+    assert "non-orthogonality" not in page
+
+
 def test_the_page_tells_how_checks_ended(stored, tmp_path):
     limits = {"limit": 0.01, "sigma_limit": 4.0}
     checks = (
@@ -101,7 +114,10 @@ def test_the_page_tells_how_checks_ended(stored, tmp_path):
     changed(stored, verification=verification).save(file)
     page = run("show", file)
     assert "Verification FAILED: 1 of 3 checks" in page
-    assert "5.099 mg and 25.0 std. dev. at most" in page  # 0.05 m/s^2
+    assert "5.099 mg, 25.0 std. dev. at most" in page  # 0.05 m/s^2
+    assert "poses, magnitude: 1 of 2 FAILED" in page
+    assert "moves, direction: all 1 passed" in page
+    assert max(map(len, page.splitlines())) <= 80
     assert all(c.isprintable() or c == "\n" for c in page)
 
 

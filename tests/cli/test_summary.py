@@ -93,6 +93,9 @@ def test_every_line_fits_80_columns_and_says_what_counts(result):
     assert "turn of 90 deg, 95 % [deg]       0.051 rms   0.051 at worst" in page
     assert "non-orthogonality xy [mrad]" in page
     assert "cross-axis yx [mrad]" in page
+    scale = next(line for line in lines if "scale x" in line).split()
+    assert scale[3:] == ["-1.9608", "fixed", "-1.9608", "0.0000"]  # 1/1.02 - 1
+    assert any("bias x [mg]" in line and "fixed" not in line for line in lines)
     told = " ".join(page.split())
     assert "servo gain -0.64, -2.37, +0.83 %, repeating to 0.25, 0.47, 0.33 deg" in told
     assert "level of a pose to 0.50 deg" in told

@@ -103,3 +103,19 @@ def test_a_failed_verification_is_the_first_thing_that_is_said(
     lines = result_lines(result)
     assert "Verification FAILED: 10 of 10 checks" in lines[0]
     assert any("more are in the report" in line for line in lines)
+    assert any("--output DIR writes" in line for line in result_lines(result, reported=False))
+
+
+def test_a_check_without_a_report_says_how_to_get_it(
+    inside: Any, finished: dict[str, Any], certificate: dict[str, Any], tmp_path: Path
+) -> None:
+    certificate["accel"]["b"][2] += 0.5
+    path = saved(certificate, tmp_path)
+    asked = ("verify", path, finished["files"]["trial"])
+    told = " ".join(inside(*asked, code=7).stdout.replace("!", "").split())
+    assert "more are in a report, which --output DIR writes." in told
+    told = " ".join(inside(*asked, "-o", tmp_path / "out", code=7).stdout.split())
+    assert "more are in the report." in told
+    told = " ".join(inside(*asked, "--limit-mg", "900", code=7).stdout.split())
+    assert "poses, magnitude: " in told
+    assert "Check pose pose" not in told
