@@ -11,6 +11,7 @@
     │   └── LimitError     4   a command that would leave the limits of the jig file
     ├── StorageError       5   the disk is full or fails
     └── SessionStopped     6   a session ended before its last pose; what it measured is kept
+        ├── AnotherSensor  6   ... because another sensor was to go on with it
         └── SessionInterrupted  130   ... because its user said so (Ctrl-C, SIGTERM, SIGHUP)
 
 Exit code 7 is no error: `imu-rig verify` found a sensor that is not what its certificate says, or
@@ -80,6 +81,10 @@ class SessionStopped(ImuRigError):  # noqa: N818
     """A session that ended before its last pose; the trial file keeps what was measured."""
 
     exit_code = 6
+
+
+class AnotherSensor(SessionStopped):
+    """A session that was to go on with a sensor that is not the one it began with."""
 
 
 class SessionInterrupted(SessionStopped):

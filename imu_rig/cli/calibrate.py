@@ -105,7 +105,7 @@ def calibrate(
     if not simulate and fault:
         raise InputError("--fault needs --simulate: real hardware brings its own.")
     hardware = Hardware(
-        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed
+        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed, speed
     )
     if not dry_run:
         hardware.require_ports()

@@ -53,6 +53,7 @@ class Hardware:
     maestro_crc: bool = False
     simulate: bool = False
     seed: int = 1
+    speed: float = 1.0
 
     def require_ports(self) -> None:
         """Refuse hardware that is neither named nor simulated.
@@ -112,5 +113,6 @@ class Hardware:
     def options(self) -> str:
         """Options by which a stopped session finds its hardware again."""
         if self.simulate:
-            return f"--simulate --seed {self.seed}"
+            speed = "" if self.speed == 1.0 else f" --speed {self.speed:g}"
+            return f"--simulate --seed {self.seed}{speed}"
         return f"--imu {self.imu} --maestro {self.maestro}"

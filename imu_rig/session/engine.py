@@ -17,6 +17,7 @@ from imu_rig.clock import Clock, Deadline
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.devices.jig import Jig, JigFault
 from imu_rig.errors import (
+    AnotherSensor,
     DeviceError,
     DeviceLost,
     ImuRigError,
@@ -158,7 +159,8 @@ class SessionEngine:
         except StorageError as fault:
             raise StorageError(self._farewell(step, str(fault))) from fault
         except ImuRigError as fault:
-            raise SessionStopped(self._farewell(step, str(fault))) from fault
+            kind = AnotherSensor if isinstance(fault, AnotherSensor) else SessionStopped
+            raise kind(self._farewell(step, str(fault))) from fault
         except BaseException:  # a fault of ours must not leave the jig standing either
             self._park_quietly(STOP_PATIENCE_S)
             raise
@@ -227,7 +229,7 @@ class SessionEngine:
         still = self._hold(step, self._watch.now_s)
         problem = checks.another_sensor(self._imu.name, before, still.block)
         if problem is not None:
-            raise SessionStopped(problem)
+            raise AnotherSensor(problem)
         self._remember(step.pose, still)
         self._watch.keep_only(still.block)
         self._position = step.pose
@@ -289,7 +291,7 @@ class SessionEngine:
             return False
         problem = checks.other_readings(self._imu.name, before, now)
         if problem is not None:
-            raise SessionStopped(problem)
+            raise AnotherSensor(problem)
         self._mounting = steps[0].mounting
         self._watch.event("remounted", mounting=self._mounting)
         return True

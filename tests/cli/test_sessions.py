@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from program import PROGRAM
 
+from imu_rig.cli.hardware import Hardware
 from imu_rig.clock import SystemClock
 from imu_rig.recording.reader import open_trial
 from imu_rig.session.history import read_session
@@ -77,13 +78,20 @@ def test_a_signal_parks_closes_and_says_how_to_go_on(
     assert time.monotonic() - begin < 10
     assert process.returncode == 130, stderr
     assert name in stderr
-    assert f"--resume {trial} --simulate --seed 1" in stderr
+    assert f"--resume {trial} --simulate --seed 1 --speed 3" in stderr
     assert "Traceback" not in stderr
     assert stdout == ""
     opened = open_trial(trial)
     assert opened.ended == "interrupted"
     assert [e.name for e in opened.events].count("parked") >= 2
     assert not (folder / "certificate.json").exists()
+
+
+def test_the_words_to_go_on_by_keep_the_speed() -> None:
+    assert Hardware(simulate=True, seed=2, speed=8.0).options == "--simulate --seed 2 --speed 8"
+    assert Hardware(simulate=True).options == "--simulate --seed 1"
+    real = Hardware("a", "b", speed=8.0)
+    assert real.options == "--imu a --maestro b"
 
 
 def test_a_terminal_that_takes_no_text_holds_up_nothing(
@@ -150,6 +158,8 @@ def test_another_sensor_does_not_go_on_with_a_session(
     arguments = ["calibrate", "--simulate", "--seed", 3, "--speed", 5, "--method", METHOD]
     refused = imu_rig(*arguments, "--resume", trial, code=6)
     assert "another sensor" in refused.stderr
+    assert "begin a new session" in refused.stderr
+    assert "--resume" not in refused.stderr
     kept = read_session(open_trial(trial))
     assert kept.finished < {0, 1, 2, 3, 4}
     mixed = imu_rig(*arguments, "--resume", trial, "--name", "other", code=2)
