@@ -25,6 +25,10 @@ app = typer.Typer(help="See the protocols there are; design one for a jig.", no_
 Jig = Annotated[
     str | None, typer.Option(help="Jig: paper-jig, which is taken by default, or a TOML file.")
 ]
+UNCHECKED = (
+    "It holds no check poses, so its result will count as not verified: add steps with kind = "
+    '"check", as full has, or verify it afterwards by imu-rig verify.'
+)
 PlanMethod = Annotated[str, typer.Option("--method", help="Method that will solve the session.")]
 
 
@@ -172,7 +176,7 @@ def plan(
         }
         sys.stdout.write(json.dumps(content) + "\n")
         return
-    told = [_summary(found, config), "", *table]
+    told = [_summary(found, config), "", *_paragraph(UNCHECKED), "", *table]
     if found.turned_over is not None:
         told += ["", *_paragraph(_proposal(found))]
     if output is None:

@@ -158,7 +158,7 @@ def design_protocol(
         If the time is too short, or the poses within reach do not determine the sensor.
     """
     stops, score = _best_structured(task)
-    outlook(_must(_planned(task, stops)), task.jig, "joint")
+    _refuse_undetermined(task, stops)
     # A step costs as the square of the poses or more.
     steps = round(search * min(1.0, (24 / len(stops)) ** 2))
     found, best = _search(task, stops, score, steps, seed, progress)
@@ -166,12 +166,35 @@ def design_protocol(
     if structured:
         found, best = stops, score
     plan = _must(_planned(task, found))
-    told = outlook(plan, task.jig, "joint")
+    told = outlook(plan, task.jig, "joint", searched=True)
     turned_over = None
     if task.mountings == 1 and _short(task):
         other = _best_structured(replace(task, mountings=2))[1]
         turned_over = other if other * WORTH_TURNING < best else None
     return Designed(plan.protocol, plan, told, best, structured, turned_over)
+
+
+def _refuse_undetermined(task: Task, stops: Sequence[Stop]) -> None:
+    """Refuse a list that leaves a parameter open; propose a second mounting where that helps."""
+    try:
+        outlook(_must(_planned(task, stops)), task.jig, "joint", searched=True)
+    except InputError as error:
+        if task.mountings > 1:
+            raise
+        try:
+            _refuse_undetermined(*_turned_over(task))
+        except InputError:
+            raise error from None
+        raise InputError(
+            f"{str(error).removesuffix('.')}, or take --mountings 2 (the sensor turned over once "
+            "by hand), which determines everything within this reach."
+        ) from error
+
+
+def _turned_over(task: Task) -> tuple[Task, list[Stop]]:
+    """Return the same task with a second mounting, and its readable list."""
+    other = replace(task, mountings=2)
+    return other, _best_structured(other)[0]
 
 
 def _must(plan: SessionPlan | None) -> SessionPlan:

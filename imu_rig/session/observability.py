@@ -41,6 +41,8 @@ SHORT = 2.5
 """How much worse than poses all around the sphere makes a warning."""
 LEVEL_TILT = 60.0
 """Beyond this tilt the roll axis is too steep for gravity to see its turns [deg]."""
+MORE_REACH = "allow poses a larger reach"
+"""What helps a list that was searched for within its reach already."""
 PAPER: dict[str, Model] = {"paper": "full", "paper-diagonal": "diagonal"}
 
 
@@ -52,8 +54,11 @@ class Outlook:
     warnings: tuple[str, ...]
 
 
-def outlook(plan: SessionPlan, jig: JigConfig, method: str) -> Outlook:
+def outlook(plan: SessionPlan, jig: JigConfig, method: str, *, searched: bool = False) -> Outlook:
     """Predict what a session on a jig will tell.
+
+    What to add to a protocol that was ``searched`` for within a reach and a time is more of these,
+    not poses that lie beyond them.
 
     Raises
     ------
@@ -76,10 +81,10 @@ def outlook(plan: SessionPlan, jig: JigConfig, method: str) -> Outlook:
         )
     if method in PAPER:
         return _of_paper(design, name, method)
-    _refuse_free_accelerometer(design, plan, jig)
+    _refuse_free_accelerometer(design, plan, jig, searched=searched)
     expected = expected_uncertainty(design, angles_known=method != "multi-position")
-    _refuse_free_gyroscope(expected, design, plan, jig)
-    return Outlook(expected, tuple(_warnings(design, plan, jig)))
+    _refuse_free_gyroscope(expected, design, plan, jig, searched=searched)
+    return Outlook(expected, tuple(_warnings(design, plan, jig, searched=searched)))
 
 
 def design_of(plan: SessionPlan, jig: JigConfig) -> Design:
@@ -139,7 +144,9 @@ def _of_paper(design: Design, name: str, method: str) -> Outlook:
     return Outlook(expected, tuple(warnings))
 
 
-def _refuse_free_accelerometer(design: Design, plan: SessionPlan, jig: JigConfig) -> None:
+def _refuse_free_accelerometer(
+    design: Design, plan: SessionPlan, jig: JigConfig, *, searched: bool
+) -> None:
     directions = design.directions()
     free = np.flatnonzero(magnitude_sigma(directions) > FREE_ACCEL)
     if not len(free):
@@ -148,9 +155,11 @@ def _refuse_free_accelerometer(design: Design, plan: SessionPlan, jig: JigConfig
     # Poses that come back to the same direction of gravity count once.
     count = len(np.unique(np.round(directions, 2), axis=0))
     left = "everything" if len(free) == len(names) else _list([names[i] for i in free])
-    actions = [_poses_to_add(design, plan, jig), "take a longer protocol, such as full"]
+    actions = [MORE_REACH]
+    if not searched:
+        actions = [_poses_to_add(design, plan, jig), "take a longer protocol, such as full"]
     able = [m for m, model in PAPER.items() if _enough_for_paper(design, model)]
-    if able:
+    if able and not searched:
         actions.append(f"or --method {able[0]}, which trusts the jig's angles")
     raise InputError(
         f"Protocol '{plan.protocol.name}' cannot determine the accelerometer: gravity points "
@@ -197,7 +206,12 @@ def _poses_to_add(design: Design, plan: SessionPlan, jig: JigConfig) -> str:
 
 
 def _refuse_free_gyroscope(
-    expected: ExpectedUncertainty, design: Design, plan: SessionPlan, jig: JigConfig
+    expected: ExpectedUncertainty,
+    design: Design,
+    plan: SessionPlan,
+    jig: JigConfig,
+    *,
+    searched: bool,
 ) -> None:
     figures = expected.gyro
     if figures is None:
@@ -213,9 +227,10 @@ def _refuse_free_gyroscope(
     what = [f"scale {axis}" for axis in scales] + [f"cross-axis {name}" for name in crossed]
     turns = _list([_turn_to_add(axis, design, plan, jig) for axis in axes])
     reason = _why(design)
+    action = f"add turns by 90 degrees or more from one pose to the next: {turns}"
     raise InputError(
         f"Protocol '{plan.protocol.name}' cannot determine {_list(what)} of the gyroscope{reason}; "
-        f"add turns by 90 degrees or more from one pose to the next: {turns}."
+        f"{MORE_REACH if searched else action}."
     )
 
 
@@ -257,29 +272,37 @@ def _why(design: Design) -> str:
     return ""
 
 
-def _warnings(design: Design, plan: SessionPlan, jig: JigConfig) -> list[str]:
+def _warnings(design: Design, plan: SessionPlan, jig: JigConfig, *, searched: bool) -> list[str]:
     found = []
     directions = design.directions()
     m = len(directions)
     if m < COMFORTABLE_POSES:
         found.append(
             f"{m} poses for nine accelerometer parameters leave the fit fragile ({m - 9} to "
-            f"spare, {COMFORTABLE_POSES - 9} advised): {_poses_to_add(design, plan, jig)}."
+            f"spare, {COMFORTABLE_POSES - 9} advised): "
+            f"{'allow more time' if searched else _poses_to_add(design, plan, jig)}."
         )
     spread = magnitude_sigma(directions)[[0, 3, 5]].max()
     best = magnitude_sigma(sphere(m))[[0, 3, 5]].max()
     if m >= COMFORTABLE_POSES and spread > SHORT * best:
         tilt, roll = (np.abs(design.angles[:, i]).max() / DEG for i in (1, 2))
+        action = MORE_REACH
+        if not searched:
+            action = f"{_poses_to_add(design, plan, jig)}, or {_second_mounting(plan)}"
         found.append(
             f"Poses with tilt up to {tilt:.0f} and roll up to {roll:.0f} degrees show gravity too "
             f"little of some axis: the accelerometer's scale will be {spread / best:.0f} times as "
-            f"uncertain as from poses all around; {_poses_to_add(design, plan, jig)}, or "
-            f"{_second_mounting(plan)}."
+            f"uncertain as from poses all around; {action}."
         )
     if np.ptp(design.angles[:, 0]) < 30.0 * DEG:
         found.append(
             "Pan stays where it is, so that a base that is not level cannot be told from the "
-            "zero of the tilt axis: let it alternate between two angles 90 degrees apart."
+            "zero of the tilt axis: "
+            + (
+                "allow it a reach of 90 degrees."
+                if searched
+                else "let it alternate between two angles 90 degrees apart."
+            )
         )
     return found
 

@@ -107,10 +107,24 @@ def test_too_little_time_says_how_much() -> None:
 
 
 def test_a_reach_that_shows_nothing_is_refused_with_what_to_add() -> None:
-    with pytest.raises(InputError, match="mounting"):
+    with pytest.raises(InputError, match="larger reach"):
         design_protocol(Task.on(with_limits(tilt=(-5, 5), roll=(-5, 5)), 100.0))
     with pytest.raises(InputError, match="nothing within a reach"):
         Task.on(with_limits(tilt=(30.0, 60.0)), 100.0, reach={"tilt": 20.0})
+
+
+def test_the_advice_lies_within_what_was_asked_for() -> None:
+    reach = {"tilt": 20.0, "roll": 20.0}
+    with pytest.raises(InputError) as caught:
+        design_protocol(Task.on(JIG, 70.0, reach=reach), search=0)
+    assert "larger reach, or take --mountings 2" in str(caught.value)
+    assert "add poses" not in str(caught.value)
+    found = design_protocol(Task.on(JIG, 70.0, reach=reach, mountings=2), search=0)
+    (warning,) = [w for w in found.outlook.warnings if "too little of some axis" in w]
+    assert "mounting" not in warning
+    assert "add poses" not in warning
+    narrow = design_protocol(Task.on(JIG, 70.0, reach={"tilt": 20.0}), search=0)
+    assert not any("tilt -" in w or "mounting" in w for w in narrow.outlook.warnings)
 
 
 @pytest.mark.parametrize("mountings", [1, 2])
