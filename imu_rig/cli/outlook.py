@@ -45,15 +45,21 @@ def plan_json(plan: SessionPlan) -> dict[str, object]:
 
 
 def expected_lines(expected: ExpectedUncertainty, warnings: Sequence[str] = ()) -> list[str]:
-    """Lines of a short table of standard uncertainties, and what is weak."""
+    """Lines of a short table of standard uncertainties, and what is weak.
+
+    The last lines tell how far 95 % of a reading's and a turn's errors reach, as a result does.
+    """
+    from imu_rig.calibration.model import student_factor
+
+    factor = student_factor(float("inf"))
     lines = [f"  {'expected standard uncertainty':{LABEL_WIDTH}}{'rms':>9}{'worst':>9}"]
     for group in expected.groups():
         label = f"{group.name} [{group.unit}]"
         numbers = f"{_digits(group.rms):>9}{_digits(group.worst):>9}"
         lines.append(f"  {label:{LABEL_WIDTH}}{numbers}  {group.worst_name}")
-    lines.append(_single("reading at rest, all directions [mg]", expected.reading / MILLI_G))
+    lines.append(_single("reading at rest, 95 % [mg]", factor * expected.reading / MILLI_G))
     if expected.turn is not None:
-        lines.append(_single("turn of 90 degrees, all axes [deg]", expected.turn / DEG))
+        lines.append(_single("turn of 90 deg, 95 % [deg]", factor * expected.turn / DEG))
     if expected.level is not None:
         lines.append(_single("level of the jig's zero pose [deg]", expected.level / DEG))
     for warning in warnings:

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from imu_rig.session.protocol import builtin_protocols, load_protocol
 
 
@@ -11,6 +13,8 @@ def test_the_protocols_are_listed_with_their_time(inside: Any) -> None:
     done = inside("protocol", "list")
     for name in builtin_protocols():
         assert f"  {name} " in done.stdout
+    (for_paper,) = [line for line in done.stdout.splitlines() if "six-faces" in line]
+    assert "only --method paper takes it" in for_paper
     told = json.loads(inside("protocol", "list", "--json").stdout)
     assert {p["name"]: p["stops"] for p in told["protocols"]}["full"] == len(
         load_protocol("full").steps
@@ -23,6 +27,9 @@ def test_a_protocol_is_shown_with_what_it_tells(inside: Any) -> None:
     told = json.loads(inside("protocol", "show", "full", "--json").stdout)
     groups = {group["name"]: group for group in told["expected"]["groups"]}
     assert 0.005 < groups["accelerometer scale"]["rms"] < 0.05
+    (line,) = [row for row in done.stdout.splitlines() if "reading at rest, 95 %" in row]
+    # Comparable with the line of a result that has the same label.
+    assert float(line.split()[-1]) == pytest.approx(1.96 * told["expected"]["reading_mg"], rel=0.01)
     refused = inside("protocol", "show", "six-faces-and-turns")
     assert "cannot determine" in refused.stdout.replace("\n", " ")
     paper = inside("protocol", "show", "six-faces-and-turns", "--method", "paper")
@@ -35,6 +42,7 @@ def test_a_planned_protocol_is_written_and_can_be_run(inside: Any, tmp_path: Pat
     done = inside("protocol", "plan", *arguments)
     assert f"imu-rig calibrate --protocol {path}" in done.stdout
     assert "expected standard uncertainty" in path.read_text()
+    assert "will count as not verified" in " ".join(done.stdout.split())
     assert load_protocol(path).name == "mine"
     dry = json.loads(
         inside("calibrate", "--dry-run", "--protocol", path, "--method", "joint", "--json").stdout
