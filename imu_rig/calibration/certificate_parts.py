@@ -51,19 +51,42 @@ class Part(BaseModel):
 
 
 class DeviceEntry(Part):
-    """Which sensor the certificate belongs to, and how its raw values were scaled."""
+    """Which sensor the certificate belongs to, and how its raw values were scaled.
+
+    K expects the raw units; the recorded units are those of a table's numbers before they were
+    scaled to raw ones, and a layout stands for those of a trial.
+    """
 
     name: str = ""
     serial: str = ""
     layout: str = ""
     accel_raw_unit: Literal["m/s^2"] = "m/s^2"
     gyro_raw_unit: Literal["rad/s"] = "rad/s"
+    accel_recorded_unit: str = ""
+    gyro_recorded_unit: str = ""
+    mag_recorded_unit: str = ""
 
     @staticmethod
     def of(device: DeviceInfo) -> DeviceEntry:
         """Take over what is known of the sensor."""
         return DeviceEntry(
-            name=storable(device.name), serial=storable(device.serial), layout=device.layout
+            name=storable(device.name),
+            serial=storable(device.serial),
+            layout=device.layout,
+            accel_recorded_unit=storable(device.accel_recorded_unit),
+            gyro_recorded_unit=storable(device.gyro_recorded_unit),
+            mag_recorded_unit=storable(device.mag_recorded_unit),
+        )
+
+    def device(self) -> DeviceInfo:
+        """Return the value of the calibration room."""
+        return DeviceInfo(
+            self.name,
+            self.serial,
+            self.layout,
+            self.accel_recorded_unit,
+            self.gyro_recorded_unit,
+            self.mag_recorded_unit,
         )
 
 

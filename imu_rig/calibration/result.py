@@ -21,11 +21,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Which sensor was calibrated; empty text where nobody said."""
+    """Which sensor was calibrated, and how it was recorded; empty text where nobody said.
+
+    Attributes
+    ----------
+    name, serial : str
+        Of the sensor.
+    layout : str
+        Layout of the packets of a trial; it says what raw values are scaled by.
+    accel_recorded_unit, gyro_recorded_unit, mag_recorded_unit : str
+        Units that the numbers of a table are in, as ``16384 LSB/g``.
+    """
 
     name: str = ""
     serial: str = ""
     layout: str = ""
+    accel_recorded_unit: str = ""
+    gyro_recorded_unit: str = ""
+    mag_recorded_unit: str = ""
+
+    @property
+    def recorded_units(self) -> str:
+        """``accelerometer 16384 LSB/g, gyroscope 131 LSB/(deg/s)``."""
+        units = (
+            ("accelerometer", self.accel_recorded_unit),
+            ("gyroscope", self.gyro_recorded_unit),
+            ("magnetometer", self.mag_recorded_unit),
+        )
+        return ", ".join(f"{sensor} {unit}" for sensor, unit in units if unit)
 
 
 @dataclass(frozen=True)

@@ -164,6 +164,9 @@ def _head(certificate: Certificate) -> list[str]:
         ("made", made),
         ("from", f"{source}{basis}, {certificate.rate_hz:.2f} samples per second"),
     ]
+    units = device.device().recorded_units
+    if units:
+        facts.append(("units", f"of the recording: {units}; raw is that in SI units"))
     if certificate.temperature_c is not None:
         low, high = certificate.temperature_c
         facts.append(("temperature", f"{low:.1f} to {high:.1f} degC"))

@@ -57,8 +57,11 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
     Raises
     ------
     InputError
-        If options for a table were given with a trial file, or it cannot be read.
+        If options for a table were given with a trial file, or it cannot be read, or is a
+        certificate.
     """
+    if file.suffix == ".json":
+        _refuse_certificate(file)
     if file.suffix != TRIAL_SUFFIX:
         return None
     from imu_rig.cli.sessions import warn_of_damage
@@ -69,6 +72,18 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
     trial = open_trial(file)
     warn_of_damage(trial)
     return trial
+
+
+def _refuse_certificate(file: Path) -> None:
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(200)
+    except OSError:
+        return  # told by who reads it
+    if b'"imu-rig/certificate"' in head:
+        raise InputError(
+            f"{file} is a certificate, not a recording: imu-rig certificate show {file} shows it."
+        )
 
 
 def read_block(file: Path, table: TableOptions) -> tuple[ImuBlock, str]:

@@ -77,6 +77,7 @@ def solve(
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
     from imu_rig.cli import sessions
+    from imu_rig.importing.read_table import stated_units
 
     local_gravity = gravity_from(gravity, latitude, height)
     table = TableOptions(
@@ -93,7 +94,14 @@ def solve(
         else:
             block, known = read_with_facts(file, table.column_map(), method, beside)
             working.now(f"Solving {len(block)} samples")
-            device = DeviceInfo(name=name or file.stem, serial=serial)
+            units = stated_units(file, table.column_map())
+            device = DeviceInfo(
+                name=name or file.stem,
+                serial=serial,
+                accel_recorded_unit=units.get("accel", ""),
+                gyro_recorded_unit=units.get("gyro", ""),
+                mag_recorded_unit=units.get("mag", ""),
+            )
             result = solve_block(
                 block,
                 method=method,

@@ -16,7 +16,7 @@ from imu_rig.calibration.moves import moves_between
 from imu_rig.calibration.stills import find_stills
 from imu_rig.calibration.suspicion import AGREES, match_gyro
 from imu_rig.errors import DataError, InputError
-from imu_rig.importing.unit_text import Kind, parse_unit
+from imu_rig.importing.unit_text import Kind, known_units, parse_unit
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 ACCEL_UNITS = (
@@ -99,7 +99,8 @@ def guess_units(
         reasons.append(
             f"the gyroscope agrees with gravity if it is in {gyro_unit}"
             if gyro_unit
-            else "too few turns between rests tell the gyroscope's unit"
+            else "too few turns between rests tell the gyroscope's unit "
+            f"(one of {known_units('gyro')})"
         )
         options.append(f"--gyro-unit {_quoted(gyro_unit or '<unit>')}")
     if mag is not None and "mag" in units and units["mag"] is None:

@@ -120,6 +120,25 @@ def read_table(
     return block
 
 
+def stated_units(path: Path | str, columns: ColumnMap | None = None) -> dict[Kind, str]:
+    """Units of a table's sensors, as the map or its header states them.
+
+    Raises
+    ------
+    InputError
+        What `read_table` refuses before it reads any numbers.
+    """
+    source, stated = Path(path), columns or ColumnMap()
+    form = detect_form(
+        source,
+        delimiter=stated.delimiter,
+        decimal=stated.decimal,
+        skip_rows=stated.skip_rows,
+    )
+    units = _units(source, _plan(source, form, stated), stated)
+    return {kind: unit for kind, unit in units.items() if unit is not None}
+
+
 def time_order(path: Path, form: Form, columns: ColumnMap) -> IntArray | None:
     """Order (n,) of the rows by their time column; None where there is none."""
     names = columns.columns or form.names

@@ -53,9 +53,15 @@ def parse_unit(text: str, kind: Kind) -> float:
     """
     factor = find_unit(text, kind)
     if factor is None:
-        known = ", ".join(_TABLES[kind]) + _EXAMPLES.get(kind, "")
-        raise InputError(f"{text!r} is no unit of {_NAMES[kind]} that is known; write {known}")
+        raise InputError(
+            f"{text!r} is no unit of {_NAMES[kind]} that is known; write {known_units(kind)}"
+        )
     return factor
+
+
+def known_units(kind: Kind) -> str:
+    """``m/s2, g, mg, or counts as '16384 LSB/g'``, as far as there are."""
+    return ", ".join(_TABLES[kind]) + _EXAMPLES.get(kind, "")
 
 
 def find_unit(text: str, kind: Kind) -> float | None:

@@ -6,7 +6,8 @@ import shlex
 
 from imu_rig import __version__
 from imu_rig.calibration.certificate import Certificate
-from imu_rig.calibration.result import CalibrationResult, ErrorStages
+from imu_rig.calibration.result import CalibrationResult, DeviceInfo, ErrorStages
+from imu_rig.recording.format import SUFFIX
 from imu_rig.report import figures
 from imu_rig.report.accuracy import accuracy_cards, true_errors, uncertainty_map
 from imu_rig.report.facts import SessionSummary, Truth
@@ -334,25 +335,52 @@ def _use(certificate: Certificate | None, file: str) -> Html:
             element("pre", saving),
         )
     recording = "TRIAL" if certificate.recording is None else certificate.recording.file
-    command = (
-        f"imu-rig export {shlex.quote(recording)} --certificate {shlex.quote(file)} "
-        "--output calibrated.csv"
-    )
-    python = (
-        "from imu_rig.calibration.certificate import apply_certificate, load_certificate\n\n"
-        f"calibrated = apply_certificate(load_certificate({file!r}), block)"
-    )
+    device = certificate.device.device()
+    load = "from imu_rig.calibration.certificate import apply_certificate, load_certificate\n"
+    apply = f"calibrated = apply_certificate(load_certificate({file!r}), block)"
+    if certificate.recording is None or recording.endswith(SUFFIX):
+        command = (
+            f"imu-rig export {shlex.quote(recording)} --certificate {shlex.quote(file)} "
+            "--output calibrated.csv"
+        )
+        ways = [
+            element("p", "For a recording:"),
+            element("pre", command),
+            element("p", "For a block of samples in Python:"),
+            element("pre", f"{load}\n{apply}"),
+        ]
+    else:
+        ways = [
+            element("p", "For a table in Python, with columns stated as they were here:"),
+            element("pre", f"{load}{_reading(recording, device)}{apply}"),
+        ]
+    scale = f" by the nominal scale of the packet layout {device.layout}" if device.layout else ""
+    if device.recorded_units:
+        scale = f" from the units of the recording ({device.recorded_units})"
     return section(
         "Use the certificate",
-        element("p", "For a recording:"),
-        element("pre", command),
-        element("p", "For a block of samples in Python:"),
-        element("pre", python),
+        *ways,
         element(
             "p",
             "Elsewhere: calibrated = K · raw − b with the numbers under “K and b”, raw in m/s² and "
-            "rad/s by the nominal scale of the packet layout.",
+            f"rad/s{scale}.",
         ),
+    )
+
+
+def _reading(recording: str, device: DeviceInfo) -> str:
+    """Python that reads a table."""
+    units = {
+        "accel_unit": device.accel_recorded_unit,
+        "gyro_unit": device.gyro_recorded_unit,
+        "mag_unit": device.mag_recorded_unit,
+    }
+    stated = ", ".join(f"{name}={unit!r}" for name, unit in units.items() if unit)
+    return (
+        "from imu_rig.importing.column_map import ColumnMap\n"
+        "from imu_rig.importing.read_table import read_table\n\n"
+        f"columns = ColumnMap({stated})\n"
+        f"block = read_table({recording!r}, columns)\n"
     )
 
 
@@ -366,6 +394,8 @@ def _provenance(result: CalibrationResult, certificate: Certificate | None) -> H
         ("Gravity", gravity_sentence(result.gravity)),
         ("Recording", _recording(certificate)),
     ]
+    if device.recorded_units:
+        stated.append(("Units of the recording", device.recorded_units))
     if certificate is not None and certificate.recording is not None:
         digest = element("span", certificate.recording.sha256, class_="mono")
         stated.append(("SHA-256 of the recording", digest))

@@ -1,6 +1,9 @@
 """`imu-rig solve` with what is known beside a recording: parts, turns, rates."""
 
+import contextlib
+import html
 import json
+import re
 import time
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from imu_rig.importing.column_map import load_column_map
 from imu_rig.importing.read_table import read_table
 
 DEG = np.pi / 180
+STORED = Path(__file__).parents[1] / "data" / "certificate-v1.json"
 
 
 @pytest.fixture
@@ -49,6 +53,46 @@ def test_a_turntable(inside, turned, tmp_path):
     certificate = json.loads((out / "certificate.json").read_text())
     assert certificate["gyro"]["K"][2][2] == pytest.approx(1 / 1.02, abs=2e-3)
     assert (out / "report.html").is_file()
+
+
+def test_a_table_leaves_its_units_and_a_way_to_use_the_certificate(inside, turned, tmp_path):
+    rows = np.loadtxt(turned, delimiter=",", skiprows=1)
+    counts = np.round(rows * ([1] + [16384] * 3 + [131] * 3))
+    counts[:, 0] = rows[:, 0]
+    np.savetxt(turned, counts, delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+    out, units = tmp_path / "out", ("--accel-unit", "16384 LSB/g", "--gyro-unit", "131 LSB/(deg/s)")
+    known = ("--method", "turntable", "--rates", tmp_path / "rates.csv")
+    inside("solve", turned, *units, *known, "-o", out)
+    certificate = out / "certificate.json"
+    device = json.loads(certificate.read_text())["device"]
+    assert device["accel_recorded_unit"] == "16384 LSB/g"
+    assert device["gyro_recorded_unit"] == "131 LSB/(deg/s)"
+    page = " ".join(inside("certificate", "show", certificate).stdout.split())
+    assert "accelerometer 16384 LSB/g, gyroscope 131 LSB/(deg/s)" in page
+    header = tmp_path / "foot.h"
+    inside("certificate", "export", certificate, "--to", "c", "-o", header)
+    assert "accelerometer 16384 LSB/g" in header.read_text()
+    assert "foot_accel" not in header.read_text()  # one attitude does not calibrate it
+
+    report = (out / "report.html").read_text()
+    assert "imu-rig export" not in report
+    assert "packet layout" not in report
+    (python,) = (
+        text
+        for text in map(html.unescape, re.findall(r"<pre>(.*?)</pre>", report, re.DOTALL))
+        if "apply_certificate" in text
+    )
+    found = {}
+    with contextlib.chdir(tmp_path):
+        exec(python.replace("'certificate.json'", repr(str(certificate))), found)  # noqa: S102
+    turning = found["calibrated"].gyro[350:550, 2]
+    assert np.mean(turning) == pytest.approx(60 * DEG, rel=2e-3)
+
+
+def test_a_certificate_is_no_recording(inside, tmp_path):
+    for command in ("solve", "noise"):
+        told = inside(command, STORED, code=2).stderr
+        assert f"imu-rig certificate show {STORED}" in told
 
 
 @pytest.mark.parametrize(

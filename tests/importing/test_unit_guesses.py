@@ -1,5 +1,7 @@
 """Units nobody stated: asked for with a good guess; stated wrongly: refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,7 @@ def test_what_cannot_be_guessed_is_asked_for_all_the_same(tmp_path, session):
     still = table(tmp_path, session[:250])
     message = refusal(still)
     assert "--accel-unit m/s2 --gyro-unit <unit>" in message
+    assert re.search(r"\(one of .*rad/s.*deg/s.*LSB", message)
     strange = table(tmp_path, session * np.repeat([37.0, 1.0], 3))
     assert "no usual unit" in refusal(strange)
 

@@ -96,6 +96,11 @@ class Source:
             f"made {certificate.date.isoformat()} by {certificate.software}, "
             f"method {certificate.method}",
         ]
+        units = device.device().recorded_units
+        if units:
+            about.append(f"Recorded units: {units}; raw is that in SI units.")
+        elif device.layout:
+            about.append(f"Raw is what packets of {device.layout} hold, in SI units.")
         if certificate.has_accel:
             about.append(certificate.gravity.gravity().statement)
         if certificate.warnings:
