@@ -67,7 +67,7 @@ def ferraris(session: Session) -> Outcome:
     sigma[used] = fit.sigma
     left_out, left_out_sigma = _left_out(session, axis, sign, used, fit)
     accel = AccelOutcome(fit.affine, sigma, left_out, left_out_sigma)
-    warnings = [_what_is_trusted(session, fit)]
+    warnings = [_what_is_trusted(session, fit, int(np.isfinite(left_out).sum()))]
     if not session.has_gyro:
         warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
         return Outcome("sensor", accel, None, tuple(warnings))
@@ -337,11 +337,14 @@ def _fit_turns(
     return Affine(K, K @ mean, covariance, dof=TURN_DOF)
 
 
-def _what_is_trusted(session: Session, fit: FaceFit) -> str:
+def _what_is_trusted(session: Session, fit: FaceFit, checked: int) -> str:
     figures = physical_figures(fit.affine)
+    opening = "Six faces and three turns leave nothing to check themselves by"
+    if checked:
+        rests = "one rest" if checked == 1 else f"{checked} rests"
+        opening = f"The left-out errors of {rests} check scale and bias, not what is trusted"
     return (
-        "Six faces and three turns leave nothing to check themselves by: the axes' "
-        "non-orthogonality "
+        f"{opening}: the axes' non-orthogonality "
         f"(uncertain by {figures.cross_rad_u.max() * 1e3:.0f} mrad) rests on faces that stand "
         f"level to {fit.placement / DEG:.1f} degrees (taken as {PLACEMENT / DEG:g} before) on a "
         f"block that is square to {SQUARENESS / DEG:g} degrees, the gyroscope's gain on turns of "
