@@ -60,6 +60,8 @@ def result_lines(
     lines += [] if mag is None else [magnetometer_errors(mag)]
     if result.verification is not None:
         lines += ["", *verification_lines(result.verification, reported=reported)]
+    elif not result.only_magnetometer:
+        lines += ["", *paragraph("Not verified: no poses were measured for checking alone.")]
     lines.append("")
     header = f"  {'':{LABEL_WIDTH}}{'estimate':>{NUMBER_WIDTH}}{'std. unc.':>{NUMBER_WIDTH}}"
     lines.append(header + (f"{'true':>{NUMBER_WIDTH}}{'error':>{NUMBER_WIDTH}}" if truth else ""))

@@ -101,6 +101,12 @@ def test_every_line_fits_80_columns_and_says_what_counts(result):
     assert "level of a pose to 0.50 deg" in told
 
 
+def test_a_result_without_checks_says_that_it_is_not_verified(result):
+    assert not any("Not verified" in line for line in result_lines(result))
+    lines = result_lines(replace(result, verification=None))
+    assert "  Not verified: no poses were measured for checking alone." in lines
+
+
 def test_findings_are_told_once_the_gravest_first(result):
     page = "\n".join(result_lines(result))
     for text in (SLIP.text, SATURATED.text):
