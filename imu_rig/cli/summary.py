@@ -117,7 +117,8 @@ def verification_lines(
         if found:
             error, sigmas = (max(column) for column in zip(*found, strict=True))
             failed = sum(row.state == "failed" for row in rows)
-            ended = f"{failed} of {len(found)} FAILED" if failed else f"all {len(found)} passed"
+            count, verb = (failed, "FAILED") if failed else (len(found), "passed")
+            ended = f"{count} of {len(found)} {verb}"
             void = "" if len(found) == len(rows) else f", {len(rows) - len(found)} void"
             lines.append(
                 f"  {f'{label}: {ended}{void}':{ENDED_WIDTH}}{error / unit:.3f} {name}, "
