@@ -83,6 +83,22 @@ class Assembled:
     time_source: TimeSource
     fits: tuple[ClockFit, ...]
 
+    @property
+    def time_problem(self) -> str | None:
+        """Why the times cannot be right, as a sentence without its stop; None where they can."""
+        asked = [fit.impossible_skew for fit in self.fits if fit.impossible_skew is not None]
+        if not asked:
+            return None
+        clock, cure = "count of samples", "rate"
+        if self.time_source == "device clock":
+            clock, cure = "clock", "clock tick"
+        return (
+            f"the sensor's {clock} and the computer's clock disagree by "
+            f"{100.0 * max(asked, key=abs):+.3g} %, more than any clock errs, so the times of the "
+            "samples are wrong: the computer was too busy to read the sensor, or the "
+            f"{cure} in the layout is wrong; put that right and record anew"
+        )
+
 
 class ImuStream:
     """Turns the bytes of one sensor into blocks as they arrive.

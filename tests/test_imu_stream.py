@@ -1,5 +1,6 @@
 """Bytes to blocks: times, losses and scales, live and recorded, against what was sent."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -346,3 +347,10 @@ def test_an_empty_recording_is_an_empty_block():
 def test_pieces_must_cover_the_data():
     with pytest.raises(InputError, match="end at byte 3, its data at byte 5"):
         assemble(MPU, b"12345", np.array([3]), np.array([0.0]))
+
+
+def test_a_clock_that_cannot_be_right_is_said_and_one_that_can_is_not():
+    pieces = packets(sent(2000))
+    for pace, word in ((1.05, r"\+5 %"), (0.95, "-5 %"), (1.005, None)):
+        problem = whole(MPU, pieces, ORIGIN_S + pace * np.arange(2000) / 100.0).time_problem
+        assert problem is None if word is None else re.search(word, problem)

@@ -42,7 +42,8 @@ def export(
 
     trial = open_trial(file)
     name = require_one_imu(trial, sensor)
-    block = trial.imu(name)
+    assembled = trial.imu_assembled(name)
+    block = assembled.block
     if not len(block):
         raise InputError(f"{file} holds no samples to export.")
     calibrated: list[str] = []
@@ -56,6 +57,8 @@ def export(
             if there[sensor] and sensor not in calibrated:
                 sys.stderr.write(f"{certificate} has no {words}: its columns are raw.\n")
     warn_of_damage(trial)
+    if assembled.time_problem is not None:
+        sys.stderr.write(f"{file}: {assembled.time_problem}.\n")
     write_csv(output, block)
     summary = {"file": str(output), "samples": len(block), "calibrated": calibrated}
     if as_json:

@@ -71,7 +71,10 @@ def _source_facts(trial: Trial, name: str) -> dict[str, Any]:
     wire = trial.wire(name)
     facts: dict[str, Any] = {"kind": source.kind, "bytes received": len(wire.data)}
     if source.kind == "imu":
-        block = trial.imu(name)
+        assembled = trial.imu_assembled(name)
+        block = assembled.block
+        if assembled.time_problem is not None:
+            facts["wrong times"] = assembled.time_problem
         facts["samples"] = len(block)
         if len(block) > 1:
             span = float(block.t[-1] - block.t[0])

@@ -87,7 +87,7 @@ def noise(
         from imu_rig.cli.info import require_one_imu
 
         source = require_one_imu(trial, sensor)
-        block, digest = trial.imu(source), trial.sha256
+        block, digest = trial.imu_in_time(source), trial.sha256
         device = DeviceInfo(name=name or source, serial=serial)
     else:
         if sensor is not None:

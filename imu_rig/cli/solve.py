@@ -132,7 +132,7 @@ def _solve_trial(
     if is_session(trial) and method not in WITHOUT_JIG:
         return solve_session(trial, method=method, gravity=gravity, field_ut=field)
     sensor = require_one_imu(trial, None)
-    block = trial.imu(sensor)
+    block = trial.imu_in_time(sensor)
     return solve_block(
         block,
         method=method,

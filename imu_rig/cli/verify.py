@@ -234,7 +234,7 @@ def _of_file(file: Path, table: TableOptions, wanted: _Wanted) -> Recheck:
 
         sensor = require_one_imu(trial, None)
         wanted.require_same_device(recorded_device(trial, sensor))
-        block, digest = trial.imu(sensor), trial.sha256
+        block, digest = trial.imu_in_time(sensor), trial.sha256
     else:
         wanted.require_same_device(DeviceInfo())
         block, digest = read_block(file, table)

@@ -14,7 +14,7 @@ from firmware_protocols.layout import LayoutError, PacketLayout
 from imu_rig.arrays import BoolArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.clock import NS_PER_S
-from imu_rig.errors import InputError
+from imu_rig.errors import DataError, InputError
 from imu_rig.imu_stream import Assembled, assemble_all
 from imu_rig.recording.contents import ClockPairs, Event, Gap, Source, Wire
 from imu_rig.recording.format import (
@@ -206,6 +206,19 @@ class Trial:
             If the trial has no such source, or one without a readable packet layout.
         """
         return self.imu_assembled(name).block
+
+    def imu_in_time(self, name: str) -> ImuBlock:
+        """Return the samples of a sensor to measure with, as :meth:`imu`.
+
+        Raises
+        ------
+        DataError
+            If their times cannot be right, besides what :meth:`imu` raises.
+        """
+        assembled = self.imu_assembled(name)
+        if assembled.time_problem is not None:
+            raise DataError(f"{self.path}: {assembled.time_problem}")
+        return assembled.block
 
     def imu_assembled(self, name: str) -> Assembled:
         """Return the samples of a sensor with the statistics of their stream, as :meth:`imu`."""

@@ -28,7 +28,7 @@ def recheck_session(
     DataError
         If the session holds no finished pose.
     """
-    block = trial.imu(IMU_SOURCE)
+    block = trial.imu_in_time(IMU_SOURCE)
     visits, windows = holds(session, block.t)
     held = [i for i, visit in enumerate(visits) if visit.kind != "rotation"]
     if not held:

@@ -37,7 +37,7 @@ def solve_session(
         If its poses cannot determine the calibration.
     """
     session = read_session(trial)
-    block = trial.imu(IMU_SOURCE)
+    block = trial.imu_in_time(IMU_SOURCE)
     visits, windows = holds(session, block.t)
     if not visits:
         raise DataError(

@@ -41,11 +41,15 @@ class ClockFit:
     sigma_s : float
         Standard uncertainty of a mapped time within the record [s], apart from the constant
         part of the delay.
+    impossible_skew : float or None
+        What the arrivals ask for where it is more than was to be believed: ``skew`` is the largest
+        believed one then, and every mapped time is wrong.
     """
 
     offset_s: float
     skew: float
     sigma_s: float
+    impossible_skew: float | None = None
 
     def host(self, device_s: FloatArray) -> FloatArray:
         """Map device times [s] to host times [s]."""
@@ -70,7 +74,7 @@ def fit_clock(
     host_s : shape (n,)
         Arrival of each packet, host clock [s].
     max_skew : float
-        Largest skew believed, of either sign.
+        Largest skew believed, of either sign; the fit says where more is asked for.
     min_span_s : float
         Records shorter than this [s] keep ``default_skew``.
     default_skew : float
@@ -107,8 +111,12 @@ def _fit_minima(
     x, y = device - device[0], (host - host[0]) - (device - device[0])
     span, bins = float(x[-1]), len(x)
     slope, drift, unknown = default_skew, 0.0, TYPICAL_SKEW * span
+    impossible: float | None = None
     if span >= min_span_s and bins > 2:
-        slope = float(np.clip(_middle_slope(x, y), -max_skew, max_skew))
+        asked = _middle_slope(x, y)
+        slope = float(np.clip(asked, -max_skew, max_skew))
+        if abs(asked - slope) * span > DRIFT_NOISE * _noise(y - asked * x):
+            impossible = asked
         residual = y - slope * x
         drift = DRIFT_NOISE * _noise(residual)
         # a slope that hardly exceeds its own error would do more harm than the one expected
@@ -119,7 +127,7 @@ def _fit_minima(
     late = y - slope * x
     offset = float(late.min()) + (host[0] - device[0] * (1.0 + slope))
     sigma = float(np.sqrt(_noise(late) ** 2 + drift**2 / 4 + unknown**2 / 3))
-    return ClockFit(float(offset), slope, sigma)
+    return ClockFit(float(offset), slope, sigma, impossible)
 
 
 def _noise(late: FloatArray) -> float:

@@ -2,16 +2,19 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_protocols.layout import load_layout
+from firmware_protocols.packets import encode
 from imu_rig.clock import SteppedClock
 from imu_rig.devices.jig import load_jig
-from imu_rig.errors import InputError
+from imu_rig.errors import DataError, InputError
 from imu_rig.recording.reader import open_trial
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session.history import read_session, session_config
 from imu_rig.session.protocol import load_protocol
+from imu_rig.session.solve import solve_session
 
 LAYOUT = load_layout("mpu9150-28").to_dict()
 POSE = {
@@ -60,3 +63,22 @@ def test_nonsense_is_one_sentence(tmp_path: Path, change: dict[str, object]) -> 
     path = trial(tmp_path / "a.imu-trial", **change)
     with pytest.raises(InputError, match=r"a\.imu-trial: the session in it makes no sense"):
         read_session(open_trial(path))
+
+
+@pytest.mark.parametrize("pace", [0.95, 1.05])
+def test_nothing_is_measured_with_times_that_cannot_be_right(tmp_path: Path, pace: float) -> None:
+    """A computer too busy to read its port makes the sensor's clock look off by per cents."""
+    path, clock, layout = tmp_path / "a.imu-trial", SteppedClock(), load_layout("mpu9150-28")
+    config = session_config(load_protocol("quick"), load_jig("paper-jig"), "shoe", "1", "")
+    number = np.arange(1500)
+    still = {name: np.zeros((1500, 3), int) for name in ("accel", "gyro", "mag")}
+    columns = {"seq": number % 256, "status": 0 * number, "time": number * 10_000, **still}
+    data = encode(layout, columns)
+    with TrialWriter.create(path, config, clock=clock) as writer:
+        source = writer.add_source("imu", "imu", {"layout": LAYOUT})
+        for i in range(0, len(data), layout.length):
+            clock.advance(0.01 * pace)
+            writer.bytes_in(source, clock.now_ns(), data[i : i + layout.length])
+        writer.event("pose", **POSE)
+    with pytest.raises(DataError, match=r"a\.imu-trial: the sensor's clock .* disagree by .5 %"):
+        solve_session(open_trial(path))

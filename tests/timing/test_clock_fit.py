@@ -108,3 +108,18 @@ def test_after_a_restart_the_crystal_is_remembered():
     fit = live.update(again, arrival)
     assert fit.skew == pytest.approx(50e-6, abs=10e-6)
     assert rms(fit.host(again) - true) < 2e-3
+
+
+@pytest.mark.parametrize("skew", [-0.05, 0.03, 0.05])
+def test_a_clock_that_is_off_by_more_than_any_clock_is_reported(skew):
+    device, host, _ = bluetooth(1, 60.0, skew=skew)
+    fit = fit_clock(device, host)
+    assert fit.impossible_skew == pytest.approx(skew, abs=2e-3)
+
+
+def test_possible_clocks_are_not_reported_however_late_their_packets():
+    for seed in range(20):
+        for duration_s in (10.5, 30.0, 120.0):
+            for skew in (-0.01, 0.0, 0.01):
+                device, host, _ = bluetooth(seed, duration_s, skew=skew)
+                assert fit_clock(device, host).impossible_skew is None
