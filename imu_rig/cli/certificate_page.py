@@ -170,7 +170,8 @@ def _head(certificate: Certificate) -> list[str]:
     if certificate.temperature_c is not None:
         low, high = certificate.temperature_c
         facts.append(("temperature", f"{low:.1f} to {high:.1f} degC"))
-    facts.append(("gravity", certificate.gravity.gravity().statement))
+    if certificate.has_accel:
+        facts.append(("gravity", certificate.gravity.gravity().statement))
     frame = {
         "sensor": "the sensor's own: x is the accelerometer's x axis, y lies in its x-y plane",
         "jig": "the jig's, as far as its angles were right",

@@ -79,7 +79,7 @@ def result_lines(
         lines += ["", *magnetometer_lines(mag)]
     if result.jig is not None:
         lines += ["", *paragraph(_jig(result.jig))]
-    if not result.only_magnetometer:
+    if result.has_accel:
         lines += ["", *paragraph(result.gravity.statement)]
     for note in () if mag is None else mag.notes:
         lines += ["", *paragraph(note)]

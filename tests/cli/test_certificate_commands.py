@@ -97,6 +97,7 @@ def test_the_page_names_angles_and_what_was_not_calibrated(stored, tmp_path):
     changed(stored, accel=nominal, method="turntable").save(file)
     page = run("show", file)
     assert "Accelerometer: not calibrated" in page
+    assert "Scaled to" not in page
     assert "non-orthogonality" not in page
 
 

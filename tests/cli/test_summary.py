@@ -128,3 +128,4 @@ def test_a_nominal_accelerometer_has_no_figures(result):
     assert "accelerometer" not in page
     assert "reading at rest" not in page
     assert "turn of 90 deg" in page
+    assert "gravity" not in page.split("gyroscope")[-1].split("!")[0]
