@@ -102,6 +102,11 @@ def calibrate(
     from imu_rig.session.run import resumed_setup
 
     local_gravity = gravity_from(gravity, latitude, height)
+    stated = {"gravity": gravity, "latitude": latitude, "height": height}
+    solved_by = "" if method == DEFAULT_METHOD else f" --method {method}"
+    solved_by += "".join(
+        f" --{name} {value}" for name, value in stated.items() if value is not None
+    )
     if not simulate and fault:
         raise InputError("--fault needs --simulate: real hardware brings its own.")
     hardware = Hardware(
@@ -147,7 +152,7 @@ def calibrate(
             clock,
             resume=resume is not None,
             quiet=quiet,
-            ports=hardware.options,
+            ports=hardware.options + solved_by,
             watch=watch,
             hands=None if yes else simulated,
             ask=not yes,

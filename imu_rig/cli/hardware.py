@@ -115,4 +115,9 @@ class Hardware:
         if self.simulate:
             speed = "" if self.speed == 1.0 else f" --speed {self.speed:g}"
             return f"--simulate --seed {self.seed}{speed}"
-        return f"--imu {self.imu} --maestro {self.maestro}"
+        options = f"--imu {self.imu} --maestro {self.maestro}"
+        if self.baud != DEFAULT_BAUD:
+            options += f" --baud {self.baud}"
+        if self.maestro_device is not None:
+            options += f" --maestro-device {self.maestro_device}"
+        return options + (" --maestro-crc" if self.maestro_crc else "")

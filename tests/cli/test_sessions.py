@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def test_a_signal_parks_closes_and_says_how_to_go_on(
     assert time.monotonic() - begin < 10
     assert process.returncode == 130, stderr
     assert name in stderr
-    assert f"--resume {trial} --simulate --seed 1 --speed 3" in stderr
+    assert f"--resume {trial} --simulate --seed 1 --speed 3 --method {METHOD}" in stderr
     assert "Traceback" not in stderr
     assert stdout == ""
     opened = open_trial(trial)
@@ -87,11 +88,13 @@ def test_a_signal_parks_closes_and_says_how_to_go_on(
     assert not (folder / "certificate.json").exists()
 
 
-def test_the_words_to_go_on_by_keep_the_speed() -> None:
+def test_the_words_to_go_on_by_keep_what_the_hardware_needs() -> None:
     assert Hardware(simulate=True, seed=2, speed=8.0).options == "--simulate --seed 2 --speed 8"
     assert Hardware(simulate=True).options == "--simulate --seed 1"
     real = Hardware("a", "b", speed=8.0)
     assert real.options == "--imu a --maestro b"
+    unusual = replace(real, baud=9600, maestro_device=3, maestro_crc=True)
+    assert unusual.options == f"{real.options} --baud 9600 --maestro-device 3 --maestro-crc"
 
 
 def test_a_terminal_that_takes_no_text_holds_up_nothing(
