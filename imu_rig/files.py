@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from imu_rig.errors import InputError, StorageError
+from imu_rig.foreign_text import one_line
 
 MOST_DOTS = 32  # in one line of TOML; a key of thousands of parts keeps its reader busy for ever
 
@@ -50,7 +51,7 @@ def parse_toml(data: bytes, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source}: not a TOML file ({error}).") from error
+        raise InputError(f"{source}: not a TOML file ({one_line(str(error))}).") from error
 
 
 def write_whole(path: Path | str, data: bytes, *, what: str, overwrite: bool = False) -> None:

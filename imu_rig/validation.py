@@ -1,13 +1,21 @@
-"""What is wrong with a file, from a pydantic error to one sentence a person can act on."""
+"""What is wrong with a file, from a pydantic error to one sentence a person can act on.
+
+The file may come from anywhere, so nothing of it reaches a terminal as it is, or at any length.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import AfterValidator, ValidationError
+
+from imu_rig.foreign_text import LONGEST_PARAGRAPH, one_line
 
 SHOWN = 3
 SHOWN_LENGTH = 40
+FIELD_LENGTH = 100
+ONE_LINE = AfterValidator(lambda text: one_line(text, LONGEST_PARAGRAPH))
+"""Makes a text field of a file one line of printable characters."""
 
 
 def sentence(error: ValidationError, kind_of_file: str) -> str:
@@ -35,7 +43,8 @@ def sentence(error: ValidationError, kind_of_file: str) -> str:
 def _field(place: tuple[int | str, ...]) -> str:
     """Write the place of a field; items of a list are counted from 1."""
     names = [str(step + 1) if isinstance(step, int) else step for step in place]
-    return ".".join(name for name in names if not name.startswith("function-"))
+    path = ".".join(name for name in names if not name.startswith("function-"))
+    return one_line(path, FIELD_LENGTH)
 
 
 def _clause(field: str, kind: str, message: str, given: Any, kind_of_file: str) -> str:
@@ -44,9 +53,8 @@ def _clause(field: str, kind: str, message: str, given: Any, kind_of_file: str) 
     if kind == "extra_forbidden":
         return f"{field} is not a field of {kind_of_file}; check its spelling"
     if kind == "value_error":
-        said = message.removeprefix("Value error, ")
+        said = one_line(message.removeprefix("Value error, "), LONGEST_PARAGRAPH)
         return f"{field}: {said}" if field else said
-    shown = repr(given)
-    shown = shown if len(shown) <= SHOWN_LENGTH else f"{shown[: SHOWN_LENGTH - 3]}..."
-    said = message[:1].lower() + message[1:]
+    shown = one_line(repr(given), SHOWN_LENGTH)
+    said = one_line(message[:1].lower() + message[1:])
     return f"{field} is {shown}, but {said.replace('input should', 'it should')}"

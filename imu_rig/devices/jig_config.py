@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from imu_rig.errors import InputError
 from imu_rig.files import parse_toml, read_small
-from imu_rig.validation import sentence
+from imu_rig.validation import ONE_LINE, sentence
 
 AxisName = Literal["pan", "tilt", "roll"]
 AXES: tuple[AxisName, ...] = ("pan", "tilt", "roll")
@@ -155,7 +155,7 @@ class JigConfig(_Model):
         How far beyond a pose the jig goes first, so that every pose is approached from one side.
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
+    name: Annotated[str, Field(min_length=1, max_length=80), ONE_LINE]
     pan: AxisConfig
     tilt: AxisConfig
     roll: AxisConfig

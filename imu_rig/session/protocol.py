@@ -18,7 +18,7 @@ from pydantic import (
 
 from imu_rig.errors import InputError
 from imu_rig.files import parse_toml, read_small
-from imu_rig.validation import sentence
+from imu_rig.validation import ONE_LINE, sentence
 
 MAX_PROTOCOL_BYTES = 64 * 1024
 MOST_MOUNTINGS = 6
@@ -73,8 +73,8 @@ class Mounting(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
-    instruction: Annotated[str, Field(max_length=400)] = ""
+    name: Annotated[str, Field(min_length=1, max_length=80), ONE_LINE]
+    instruction: Annotated[str, Field(max_length=400), ONE_LINE] = ""
     axis: tuple[AxisPart, AxisPart, AxisPart] = (0.0, 0.0, 1.0)
     angle_deg: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] = 0.0
 
@@ -113,7 +113,7 @@ class Step(BaseModel):
     kind: StepKind = "pose"
     hold_s: Seconds | None = None
     mounting: Annotated[int, Field(ge=1, le=MOST_MOUNTINGS)] | None = None
-    name: Annotated[str, Field(max_length=80)] | None = None
+    name: Annotated[str, Field(max_length=80), ONE_LINE] | None = None
 
 
 class JigProtocol(BaseModel):
@@ -128,8 +128,8 @@ class JigProtocol(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
-    title: Annotated[str, Field(max_length=200)] = ""
+    name: Annotated[str, Field(min_length=1, max_length=80), ONE_LINE]
+    title: Annotated[str, Field(max_length=200), ONE_LINE] = ""
     hold_s: Seconds = 2.0
     rotation_hold_s: Seconds = 0.8
     settle_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.3
