@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, ConfigDict, Field, ValidationError, field_validator
 from pydantic_core import from_json
@@ -18,6 +18,7 @@ from imu_rig.calibration.certificate_magnetometer import MagEntry
 from imu_rig.calibration.certificate_parts import (
     ACCEL_BIAS_LIMIT,
     GYRO_BIAS_LIMIT,
+    WHOLE,
     AffineEntry,
     DeviceEntry,
     GravityEntry,
@@ -27,6 +28,7 @@ from imu_rig.calibration.certificate_parts import (
     RecordingEntry,
     StagesEntry,
     TemperatureEntry,
+    TemperatureSpan,
     VerificationEntry,
 )
 from imu_rig.calibration.noise_model import NoiseModel
@@ -53,7 +55,7 @@ class Certificate(Part):
     model_config = ConfigDict(serialize_by_alias=True, populate_by_name=True)
 
     kind: Literal["imu-rig/certificate"] = Field(default="imu-rig/certificate", alias="schema")
-    version: Literal[2] = 2
+    version: Annotated[Literal[2], WHOLE] = 2
     date: AwareDatetime
     software: str
     method: str
@@ -67,7 +69,7 @@ class Certificate(Part):
     poses: tuple[PoseEntry, ...] = ()
     moves: tuple[MoveEntry, ...] = ()
     rate_hz: float = Field(gt=0)
-    temperature_c: tuple[float, float] | None = None
+    temperature_c: TemperatureSpan | None = None
     warnings: tuple[str, ...] = ()
     recording: RecordingEntry | None = None
     verification: VerificationEntry | None = None
@@ -208,7 +210,7 @@ def load_certificate(path: Path | str) -> Certificate:
             f"{VERSION}, so upgrade imu-rig"
         )
     try:
-        return Certificate.model_validate(content)
+        return Certificate.model_validate_json(data, strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {sentence(error, 'a certificate')}") from error
 

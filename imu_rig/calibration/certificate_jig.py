@@ -6,11 +6,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from imu_rig.arrays import FloatArray
-from imu_rig.calibration.certificate_parts import Part, Vector
+from imu_rig.calibration.certificate_parts import Part, Sigma, Sigmas, Vector
 from imu_rig.calibration.jig_estimate import JigEstimate, Straightness
 
 MOST_MOUNTINGS = 20
 Pair = tuple[float, float]
+SigmaPair = tuple[Sigma, Sigma]
 
 
 class NonlinearityEntry(Part):
@@ -21,9 +22,9 @@ class NonlinearityEntry(Part):
     """
 
     quadratic: Vector
-    quadratic_standard_uncertainty: Vector
+    quadratic_standard_uncertainty: Sigmas
     cubic: Vector
-    cubic_standard_uncertainty: Vector
+    cubic_standard_uncertainty: Sigmas
     deviation: float = Field(ge=0)
 
     @staticmethod
@@ -49,22 +50,22 @@ class JigEntry(Part):
     """
 
     servo_gain: Vector
-    servo_gain_standard_uncertainty: Vector
+    servo_gain_standard_uncertainty: Sigmas
     tilt_zero: float
-    tilt_zero_standard_uncertainty: float
+    tilt_zero_standard_uncertainty: Sigma
     tilt_skew: float
-    tilt_skew_standard_uncertainty: float
+    tilt_skew_standard_uncertainty: Sigma
     roll_skew: float
-    roll_skew_standard_uncertainty: float
+    roll_skew_standard_uncertainty: Sigma
     base: Pair
-    base_standard_uncertainty: Pair
+    base_standard_uncertainty: SigmaPair
     mounting: tuple[Vector, ...]
-    mounting_standard_uncertainty: tuple[Vector, ...]
+    mounting_standard_uncertainty: tuple[Sigmas, ...]
     roll_axis: tuple[Vector, ...]
-    roll_axis_standard_uncertainty: tuple[Vector, ...]
+    roll_axis_standard_uncertainty: tuple[Sigmas, ...]
     level: Pair
-    level_standard_uncertainty: Pair
-    repeatability: Vector
+    level_standard_uncertainty: SigmaPair
+    repeatability: Sigmas
     wobble: float = Field(ge=0)
 
     @model_validator(mode="after")

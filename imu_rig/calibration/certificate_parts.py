@@ -7,10 +7,18 @@ that every older file stays readable.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.gravity import PLAUSIBLE, Gravity
@@ -36,12 +44,38 @@ ACCEL_BIAS_LIMIT = 20.0
 """No accelerometer that is nominally scaled reads more than this at zero input [m/s^2]."""
 GYRO_BIAS_LIMIT = 2.0
 """No gyroscope that is nominally scaled reads more than this at rest [rad/s]."""
+ACCEL_SLOPE_LIMIT = 2.0
+"""No accelerometer's zero changes more than this [m/s^2] with one degree."""
+GYRO_SLOPE_LIMIT = 0.2
+"""No gyroscope's zero changes more than this [rad/s] with one degree."""
+SCALE_SLOPE_LIMIT = 0.1
+"""No sensor's scale changes by a larger share of itself with one degree."""
 NEGATIVE_CORRELATION = -1e-6
 """Smallest eigenvalue of a correlation matrix that rounding explains."""
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
+Sigma = Annotated[float, Field(ge=0)]
+Sigmas = tuple[Sigma, Sigma, Sigma]
 CovarianceRow = Annotated[tuple[float, ...], Field(min_length=12, max_length=12)]
+
+
+def _in_order(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] > span[1]:
+        raise ValueError("its lower end comes first")
+    return span
+
+
+def _whole(version: Any) -> Any:
+    if isinstance(version, bool | float):
+        raise ValueError("a version is a whole number")
+    return version
+
+
+TemperatureSpan = Annotated[tuple[float, float], AfterValidator(_in_order)]
+"""Lowest and highest temperature [degC]."""
+WHOLE = BeforeValidator(_whole)
+"""Refuses numbers that only equal a version, such as 2.0 or true."""
 
 
 class Part(BaseModel):
@@ -223,16 +257,19 @@ class StagesEntry(Part):
 
 
 class PoseEntry(Part):
-    """One still pose; errors of the gravity magnitude [m/s^2]."""
+    """One still pose; errors of the gravity magnitude [m/s^2].
+
+    ``sigma`` is None for a pose that the fit left out.
+    """
 
     name: str
     commanded_deg: Vector | None = None
     direction: Vector
     before: float
     after: float
-    sigma: float
+    sigma: Sigma | None = None
     left_out: float | None = None
-    left_out_sigma: float | None = None
+    left_out_sigma: Sigma | None = None
 
     @staticmethod
     def of(pose: PoseRow) -> PoseEntry:
@@ -278,9 +315,9 @@ class CheckEntry(Part):
     kind: Literal["pose", "move"]
     name: str
     error: float | None = None
-    sigma: float | None = None
+    sigma: Sigma | None = None
     sigmas: float | None = None
-    noise: float | None = None
+    noise: Sigma | None = None
     limit: float = Field(gt=0)
     sigma_limit: float = Field(gt=0)
     void: str = ""
@@ -334,7 +371,7 @@ class SlopesEntry(Part):
     """Change per degree of three axes; a value of 0 where the data do not determine one."""
 
     value: Vector
-    standard_uncertainty: Vector
+    standard_uncertainty: Sigmas
 
     @staticmethod
     def of(slopes: Slopes | None) -> SlopesEntry | None:
@@ -364,6 +401,13 @@ class TemperatureEntry(Part):
     def _in_order(self) -> TemperatureEntry:
         if not self.low_c <= self.reference_c <= self.high_c:
             raise ValueError("the reference temperature lies outside those that were measured")
+        for slopes, limit in (
+            (self.accel_bias, ACCEL_SLOPE_LIMIT),
+            (self.accel_scale, SCALE_SLOPE_LIMIT),
+            (self.gyro_bias, GYRO_SLOPE_LIMIT),
+        ):
+            if slopes is not None and max(map(abs, slopes.value)) > limit:
+                raise ValueError(f"no sensor changes by more than {limit:g} per degree")
         return self
 
     @staticmethod

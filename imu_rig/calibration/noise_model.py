@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import from_json
 
 from imu_rig.arrays import FloatArray
-from imu_rig.calibration.certificate_parts import DeviceEntry, Part, RecordingEntry
+from imu_rig.calibration.certificate_parts import (
+    WHOLE,
+    DeviceEntry,
+    Part,
+    RecordingEntry,
+    TemperatureSpan,
+)
 from imu_rig.errors import InputError
 from imu_rig.files import read_small, write_whole
 from imu_rig.validation import sentence
@@ -114,7 +120,7 @@ class NoiseModel(Part):
     model_config = ConfigDict(serialize_by_alias=True, populate_by_name=True)
 
     kind: Literal["imu-rig/noise"] = Field(default="imu-rig/noise", alias="schema")
-    version: Literal[1] = 1
+    version: Annotated[Literal[1], WHOLE] = 1
     date: AwareDatetime
     software: str
     device: DeviceEntry
@@ -123,7 +129,7 @@ class NoiseModel(Part):
     accel: SensorNoise | None = None
     gyro: SensorNoise | None = None
     mag: SensorNoise | None = None
-    temperature_c: tuple[float, float] | None = None
+    temperature_c: TemperatureSpan | None = None
     warnings: tuple[str, ...] = ()
     recording: RecordingEntry | None = None
 
@@ -164,6 +170,6 @@ def load_noise_model(path: Path | str) -> NoiseModel:
             f"{VERSION}, so upgrade imu-rig."
         )
     try:
-        return NoiseModel.model_validate(content)
+        return NoiseModel.model_validate_json(data, strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {sentence(error, 'a noise model')}.") from error

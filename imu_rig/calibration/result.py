@@ -107,8 +107,9 @@ class PoseRow:
         Unit vector of the calibrated mean specific force, sensor axes ("up").
     before, after : float
         Error of the magnitude of the mean specific force [m/s^2].
-    sigma : float
-        Standard uncertainty of the mean along gravity [m/s^2]: measurement noise alone.
+    sigma : float or None
+        Standard uncertainty of the mean along gravity [m/s^2]: measurement noise alone; None where
+        it is not known, as of a pose that was left out of the fit.
     left_out : float or None
         Error of the magnitude when the fit never saw this pose [m/s^2].
     left_out_sigma : float or None
@@ -126,7 +127,7 @@ class PoseRow:
     direction: FloatArray
     before: float
     after: float
-    sigma: float
+    sigma: float | None
     left_out: float | None = None
     left_out_sigma: float | None = None
     commanded_deg: tuple[float, float, float] | None = None

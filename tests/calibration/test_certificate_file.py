@@ -21,6 +21,7 @@ from imu_rig.calibration.certificate import (
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.result import DeviceInfo
 from imu_rig.calibration.solve import solve
+from imu_rig.cli.certificate_page import certificate_lines
 from imu_rig.errors import DataError, InputError, StorageError
 
 SHA = "ab" * 32
@@ -154,6 +155,11 @@ def without(*keys):
     return edit
 
 
+def warming(slope, sigma=1e-4):
+    slopes = {"value": [slope, 0.0, 0.0], "standard_uncertainty": [sigma, 1e-4, 1e-4]}
+    return {"reference_c": 25.0, "low_c": 20.0, "high_c": 30.0, "accel_bias": slopes}
+
+
 ZERO = [[0.0, 0.0, 0.0]] * 3
 
 
@@ -195,6 +201,14 @@ def over_correlated(content):
         (put("accel", "b_standard_uncertainty", 0, value=0.5), "not those of its covariance"),
         (put("accel", "covariance", value=[[0.0] * 12] * 11), r"covariance"),
         (put("surprise", value=1), "surprise"),
+        (put("version", value=2.0), "version.*whole"),
+        (put("version", value=True), "version.*whole"),
+        (put("gyro", "b", 0, value=True), r"gyro\.b\.1"),
+        (put("rate_hz", value="100"), "rate_hz"),
+        (put("temperature_c", value=[50, -50]), "temperature_c: .*lower"),
+        (put("poses", 0, "sigma", value=-1.0), r"poses\.1\.sigma"),
+        (put("temperature", value=warming(1e300)), "temperature: .*per degree"),
+        (put("temperature", value=warming(0.01, -1.0)), "standard_uncertainty"),
         (put("recording", "sha256", value="../../etc"), "sha256"),
         (put("date", value="2026-01-02T03:04:05"), "date"),
         (put("gravity", "value", value=1.0), "gravity"),
@@ -238,3 +252,18 @@ def test_a_certificate_cannot_be_changed(certificate):
     assert isinstance(certificate, Certificate)
     with pytest.raises(ValueError, match="frozen"):
         certificate.method = "other"
+
+
+def test_whole_numbers_are_numbers_and_a_pose_may_lack_its_sigma(certificate, tmp_path):
+    def edit(content):
+        content["rate_hz"] = 100
+        content["temperature_c"] = [20, 30]
+        content["poses"][0]["sigma"] = None
+        content["temperature"] = warming(0.01)
+
+    path = tmp_path / "c.json"
+    path.write_bytes(edited(certificate, edit))
+    loaded = load_certificate(path)
+    assert loaded.poses[0].sigma is None
+    assert loaded.temperature_c == (20.0, 30.0)
+    assert certificate_lines(loaded)
