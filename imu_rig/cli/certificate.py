@@ -78,6 +78,7 @@ def export(
     """Write it for an autopilot, as code or as table."""
     from imu_rig.calibration.certificate import load_certificate
     from imu_rig.calibration.exports import AUTOPILOTS, export_certificate
+    from imu_rig.calibration.exports.matlab import runs_as
     from imu_rig.calibration.exports.options import ExportOptions, parse_device_ids
     from imu_rig.errors import InputError
     from imu_rig.files import write_whole
@@ -88,9 +89,10 @@ def export(
             f"--nearest, --device-id, --slot and --axes are for {' and '.join(AUTOPILOTS)}, not "
             f"for {to}."
         )
-    if to == "matlab" and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", output.stem):
+    if to == "matlab" and not runs_as(output.stem):
         raise InputError(
-            f"MATLAB runs no script named {output.name!r}: use letters, digits and underscores."
+            f"MATLAB runs no script named {output.name!r}: use letters, digits and underscores, "
+            "and no word of its language."
         )
     options = ExportOptions(
         nearest=nearest,

@@ -272,7 +272,7 @@ def test_ardupilot_never_gets_offsets_that_mean_not_calibrated():
 
 def nasty_certificate():
     certificate = load_certificate(STORED)
-    device = certificate.device.model_copy(update={"name": NASTY, "serial": NASTY * 40})
+    device = certificate.device.model_copy(update={"name": f"???/ {NASTY}", "serial": NASTY * 40})
     return certificate.model_copy(
         update={"device": device, "method": NASTY, "software": "coding: utf-7"}
     )

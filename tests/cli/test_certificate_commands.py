@@ -318,6 +318,9 @@ def test_options_that_make_no_sense_are_refused(tmp_path, arguments, words):
 def test_a_matlab_script_gets_a_name_that_matlab_runs(tmp_path):
     with pytest.raises(InputError, match="letters, digits"):
         run("export", STORED, "--to", "matlab", "-o", tmp_path / "my-foot.m")
+    for word in ("end", "endfunction"):
+        with pytest.raises(InputError, match="no word of its language"):
+            run("export", STORED, "--to", "matlab", "-o", tmp_path / f"{word}.m")
 
 
 def test_a_c_name_is_made_of_any_file_name(tmp_path):

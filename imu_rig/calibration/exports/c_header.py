@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from imu_rig.calibration.exports.exported import Exported
 from imu_rig.calibration.exports.options import ExportOptions
 from imu_rig.calibration.exports.source import KINDS, UNITS, Source
@@ -62,5 +64,8 @@ def _arrays(name: str, sensor: str, real: str, model: Affine) -> list[str]:
 
 
 def _comment(line: str) -> str:
-    """Keep a text of unknown origin from ending the comment, or beginning another."""
-    return line.replace("*/", "* /").replace("/*", "/ *")
+    """Keep a text of unknown origin from ending the comment, or beginning another.
+
+    Two question marks begin a trigraph, which compilers warn of even here.
+    """
+    return re.sub(r"\?(?=\?)", "? ", line).replace("*/", "* /").replace("/*", "/ *")

@@ -2,10 +2,60 @@
 
 from __future__ import annotations
 
+import re
+
 from imu_rig.arrays import FloatArray
 from imu_rig.calibration.exports.exported import Exported
 from imu_rig.calibration.exports.options import ExportOptions
 from imu_rig.calibration.exports.source import KINDS, UNITS, Source
+
+KEYWORDS = frozenset(
+    [
+        "break",
+        "case",
+        "catch",
+        "classdef",
+        "continue",
+        "else",
+        "elseif",
+        "end",
+        "for",
+        "function",
+        "global",
+        "if",
+        "otherwise",
+        "parfor",
+        "persistent",
+        "return",
+        "spmd",
+        "switch",
+        "try",
+        "while",
+        "do",
+        "until",
+        "endfor",
+        "endfunction",
+        "endif",
+        "endswitch",
+        "endwhile",
+        "end_try_catch",
+        "end_unwind_protect",
+        "endclassdef",
+        "endenumeration",
+        "endevents",
+        "endmethods",
+        "endparfor",
+        "endproperties",
+        "unwind_protect",
+        "unwind_protect_cleanup",
+    ]
+)
+"""Words of MATLAB and of Octave that name nothing else."""
+
+
+def runs_as(name: str) -> bool:
+    """Whether a script of this name, without its ``.m``, can be called."""
+    return bool(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", name)) and name not in KEYWORDS
 
 
 def matlab(source: Source, options: ExportOptions) -> Exported:
