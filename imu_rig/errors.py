@@ -91,3 +91,8 @@ class SessionInterrupted(SessionStopped):
     """A session that its user stopped; everything is parked and closed before this is raised."""
 
     exit_code = 130
+
+
+def reason_of(error: Exception) -> str:
+    """Why something of the system or a library failed, without its number."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from imu_rig.errors import InputError, StorageError
+from imu_rig.errors import InputError, StorageError, reason_of
 from imu_rig.foreign_text import one_line
 
 MOST_DOTS = 32  # in one line of TOML; a key of thousands of parts keeps its reader busy for ever
@@ -32,7 +32,9 @@ def read_small(path: Path | str, most_bytes: int, *, what: str) -> bytes:
         with source.open("rb") as file:
             data = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
-        raise InputError(f"{source}: {what} cannot be read from it ({error}).") from error
+        raise InputError(
+            f"{source}: {what} cannot be read from it ({reason_of(error)})."
+        ) from error
     if len(data) > most_bytes:
         raise InputError(f"{source} is too large for {what}, which has at most {most_bytes} bytes.")
     return data
@@ -94,7 +96,7 @@ def whole_file(path: Path | str, *, what: str, overwrite: bool = False) -> Itera
         if not target.parent.is_dir():
             raise InputError(f"{target.parent} is not a folder; make it before saving {what} there")
     except (OSError, ValueError) as error:
-        raise InputError(f"{target} is no name for {what} ({error})") from error
+        raise InputError(f"{target} is no name for {what} ({reason_of(error)})") from error
     try:
         handle, name = tempfile.mkstemp(prefix=".imu-rig-", dir=target.parent)
         temporary = Path(name)
@@ -109,7 +111,7 @@ def whole_file(path: Path | str, *, what: str, overwrite: bool = False) -> Itera
             temporary.unlink(missing_ok=True)
         _sync_folder(target.parent)
     except OSError as error:
-        raise StorageError(f"{target} could not be written: {error.strerror}") from error
+        raise StorageError(f"{target} could not be written: {reason_of(error)}") from error
 
 
 def _sync_folder(folder: Path) -> None:

@@ -29,7 +29,7 @@ class Part:
                 f"there is no part {self.name!r}; parts are {', '.join((*FACES, *TURNS))}"
             )
         if not self.t1 > self.t0:
-            raise InputError(f"the part {self.name} ends before it begins")
+            raise InputError(f"the part {self.name} must end after it begins")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from imu_rig.cli.hands import TerminalHands
 from imu_rig.cli.live import SessionView, stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
-from imu_rig.errors import AnotherSensor, InputError, SessionStopped
+from imu_rig.errors import AnotherSensor, InputError, SessionStopped, reason_of
 from imu_rig.session.progress import Hands, Progress, StopRequest, ignore
 
 if TYPE_CHECKING:
@@ -52,7 +52,9 @@ def new_folder(
                 )
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise InputError(f"The folder {folder} cannot be made ({error}).") from error
+        raise InputError(
+            f"The folder {folder} cannot be made ({reason_of(error)}): name another --output."
+        ) from error
     return folder
 
 

@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 import serial
 from serial.tools import list_ports
 
-from imu_rig.errors import DeviceLost, PortError
+from imu_rig.errors import DeviceLost, PortError, reason_of
 
 try:
     import grp
@@ -243,7 +243,7 @@ class _SocketPort(Port):
             ) from error
         except OSError as error:
             raise PortError(
-                f"{url} cannot be reached ({_reason(error)}): check host, port and network."
+                f"{url} cannot be reached ({reason_of(error)}): check host, port and network."
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(WRITE_S)
@@ -300,7 +300,7 @@ def _why_not_opened(url: str, baud: int, error: Exception) -> str:
         )
     if number in (errno.ENOTTY, errno.EINVAL):
         return f"{url} is no serial port or does not know {baud} baud; {_ports_sentence()}"
-    return f"{url} cannot be opened ({_reason(error)}); {_ports_sentence()}"
+    return f"{url} cannot be opened ({reason_of(error)}); {_ports_sentence()}"
 
 
 def _errno(error: Exception) -> int | None:
@@ -341,7 +341,3 @@ def _ports_sentence() -> str:
         return "this machine lists no serial ports now."
     names = [f"{p.url} ({p.description})" if p.description else p.url for p in seen[:12]]
     return f"ports seen now: {', '.join(names)}."
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__

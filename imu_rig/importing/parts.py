@@ -14,6 +14,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.known import FACES, TURNS, Part
 from imu_rig.errors import InputError
 from imu_rig.files import read_small
+from imu_rig.foreign_text import one_line
 from imu_rig.importing.column_map import ColumnMap
 from imu_rig.importing.read_table import read_table, time_order
 from imu_rig.importing.text_table import Form, detect_form, read_words
@@ -105,12 +106,18 @@ def read_part_list(path: Path, t: FloatArray) -> tuple[Part, ...]:
 
 def _part(path: Path, name: str, span: Any, t: FloatArray) -> Part:
     given = span if isinstance(span, dict) else {}
+    shown = one_line(name, 30)
     start, stop = given.get("start"), given.get("end")
     if type(start) is not int or type(stop) is not int:
-        raise InputError(f"{path}: the part {name[:30]} needs a start and an end, as in {_FORMAT}")
+        raise InputError(f"{path}: the part {shown} needs a start and an end, as in {_FORMAT}")
+    if 0 <= start < len(t) and stop == start + 1:
+        raise InputError(
+            f"{path}: the part {shown} is a single sample; its end is the number of the first "
+            "sample after it"
+        )
     if not 0 <= start < stop <= len(t):
         raise InputError(
-            f"{path}: the part {name[:30]} goes from sample {start} to {stop}, but the recording "
+            f"{path}: the part {shown} goes from sample {start} to {stop}, but the recording "
             f"has samples 0 to {len(t)}"
         )
     try:

@@ -200,6 +200,9 @@ def test_parts_have_known_names_and_an_order_in_time(tmp_path):
     path.write_text(json.dumps({"x_p": {"start": 5, "end": 900}}))
     with pytest.raises(InputError, match="5 to 900"):
         read_part_list(path, np.arange(100.0))
+    path.write_text(json.dumps({"x_p": {"start": 0, "end": 1}}))
+    with pytest.raises(InputError, match="x_p is a single sample"):
+        read_part_list(path, np.arange(100.0))
     path.write_text("[1")
     with pytest.raises(InputError, match="no JSON"):
         read_part_list(path, np.arange(100.0))
