@@ -20,8 +20,8 @@ from imu_rig.calibration.direction import (
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gyro_bias import track_bias
 from imu_rig.calibration.joint_data import joint_data
-from imu_rig.calibration.joint_faults import check_labels, repair
-from imu_rig.calibration.joint_fit import JointFit, fit_joint, start
+from imu_rig.calibration.joint_faults import check_labels, remounted, repair
+from imu_rig.calibration.joint_fit import JointFit, fit_joint, start, unit
 from imu_rig.calibration.joint_model import G_SENSITIVITY, attitudes, offsets
 from imu_rig.calibration.joint_result import (
     gain_at_zero,
@@ -39,14 +39,21 @@ from imu_rig.calibration.joint_tests import (
     nonlinearity_findings,
     with_g_sensitivity,
 )
-from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
-from imu_rig.calibration.model import Affine
+from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit
+from imu_rig.calibration.model import Affine, physical_figures
 from imu_rig.calibration.moves import Moves, moves_between
-from imu_rig.calibration.multi_position import refuse_wrong_gyro
+from imu_rig.calibration.multi_position import (
+    refuse_wrong_gyro,
+    solve_accelerometer,
+    strange_scale,
+    unseen_turns,
+)
 from imu_rig.calibration.session import AccelOutcome, CommandedPoses, GyroOutcome, Outcome, Session
 from imu_rig.errors import DataError
 from imu_rig.units import DEG, MILLI_G
 
+ALIKE = 4.0
+"""Scale errors that three axes share and no data sheet allows [%]."""
 SET_ASIDE = 1e3
 """Factor on the noise of a still that the others contradict."""
 
@@ -71,13 +78,18 @@ def joint(session: Session) -> Outcome:
             f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer; "
             "run the session with a longer protocol, such as full"
         )
-    radial = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
+    radial, warnings = solve_accelerometer(session)
     track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
     moves = moves_between(session.block, stills, track.at_stills, session.gyro_bad)
+    commanded = session.commanded
+    mounted = commanded.mountings
+    if session.has_gyro and not np.any(mounted[moves.first] == mounted[moves.last]):
+        warnings.append("The gyroscope was not calibrated: no move between two poses is usable.")
+        session = replace(session, has_gyro=False)
     if session.has_gyro:
         refuse_wrong_gyro(moves.with_gravity(radial.affine.apply), track.at_stills)
-    solved = _solve(session, session.commanded, moves, radial)
-    return _outcome(session, solved)
+    solved = _solve(session, commanded, moves, radial)
+    return _outcome(session, solved, warnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +109,16 @@ def _solve(
     findings = [_bad_still(session, radial, i) for i in np.flatnonzero(~radial.used).tolist()]
     data = joint_data(session, commanded, moves, radial.affine)
     data = replace(data, accel_sigma=data.accel_sigma * np.where(radial.used, 1.0, SET_ASIDE))
-    labels = check_labels(data, radial.affine, start(data, radial.affine), names)
+    begin = start(data, radial.affine)
+    elsewhere = remounted(begin)
+    if elsewhere:
+        # Where the sensor really sits is what small angles count from.
+        data = replace(data, mountings=data.mountings @ begin.mounting)
+        begin = start(data, radial.affine)
+    labels = check_labels(data, radial.affine, begin, names)
     findings += labels.findings
     usable = labels.usable
+    findings += elsewhere
     names = tuple(name for name, keep in zip(names, usable, strict=True) if keep)
     data = replace(data, angles=labels.angles).only(usable)
     mended = repair(data, start(data, radial.affine), names)
@@ -150,25 +169,31 @@ def _bad_still(session: Session, radial: MagnitudeFit, i: int) -> Finding:
     return Finding("bad still", text, (i,), size=float(radial.left_out[i] / MILLI_G))
 
 
-def _outcome(session: Session, solved: _Solved) -> Outcome:
+def _outcome(session: Session, solved: _Solved, warnings: list[str]) -> Outcome:
     fit, m = solved.fit, len(session.stills)
     line = line_over_one_g(fit)
     left_out = leave_poses_out(fit, line)
     error, error_sigma = np.full(m, np.nan), np.full(m, np.nan)
     error[solved.usable], error_sigma[solved.usable] = left_out.error, left_out.sigma
-    sigma = np.full(m, np.nan)
+    up = unit(line.apply(session.stills.accel_mean))
+    sigma = np.sqrt(np.einsum("mi,mij,mj->m", up, session.stills.accel_cov, up))
     sigma[solved.usable] = fit.data.accel_sigma * fit.scales["accel"]
     where = np.full((m, 3, 3), np.nan)
     where[solved.usable] = attitudes(fit.data, fit.state).A
-    warnings = [f.text for f in solved.findings]
+    said = [f.text for f in solved.findings]
+    warnings = [*said, *(w for w in warnings if w not in said)]
     if not fit.converged:
         warnings.append("The fit of sensor and jig did not settle; do not rely on its figures.")
-    if not session.has_gyro:
+    gyro: GyroOutcome | None = None
+    if session.has_gyro:
+        gyro, more = _gyro(solved, line)
+        warnings += more
+    elif not np.any(np.ptp(session.block.gyro, axis=0) > 0):
         warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
     return Outcome(
         frame="sensor",
         accel=AccelOutcome(line, sigma, error, error_sigma),
-        gyro=_gyro(solved, line) if session.has_gyro else None,
+        gyro=gyro,
         warnings=tuple(warnings),
         accel_at_zero=gain_at_zero(fit),
         straightness=straightness(fit),
@@ -197,17 +222,24 @@ def _deviations(session: Session, solved: _Solved) -> FloatArray:
     return deviation
 
 
-def _gyro(solved: _Solved, accel: Affine) -> GyroOutcome:
-    """Errors of gravity's direction over the moves, each also by a fit that never saw it."""
+def _gyro(solved: _Solved, accel: Affine) -> tuple[GyroOutcome | None, list[str]]:
+    """Gyroscope with errors of gravity's direction over the moves, and sentences about it.
+
+    Each error is also that of a fit which never saw the move.
+    """
     fit, session = solved.fit, solved.session
+    affine = gyro_model(fit)
+    undetermined = unseen_turns(affine)
+    if undetermined:
+        return None, [undetermined]
     place = np.flatnonzero(solved.usable)
     stills = session.stills.only(solved.usable)
     moves = fit.data.moves
     track = track_bias((stills.t0 + stills.t1) / 2, stills.gyro_mean, stills.gyro_sem)
     where = gravity_directions(stills, moves, accel, track)
     unseen = [fit.turned.moved_to(fit.data, without_move(fit, j))[j] for j in range(len(moves))]
-    return GyroOutcome(
-        affine=gyro_model(fit),
+    outcome = GyroOutcome(
+        affine=affine,
         first=place[moves.first],
         last=place[moves.last],
         angle=angles_turned(moves, fit.state.K, offsets(fit.data, fit.state)),
@@ -216,3 +248,13 @@ def _gyro(solved: _Solved, accel: Affine) -> GyroOutcome:
         held_out=angles_off(np.array(unseen).reshape(-1, 4), where),
         sigma=np.sqrt(where.variance) * fit.scales["move"],
     )
+    figures = physical_figures(affine, accel)
+    suspects = "its unit, range setting or the sample rate"
+    warnings = strange_scale(figures, "gyroscope", suspects)
+    alike = figures.scale_percent
+    if not warnings and np.all(np.abs(alike) > ALIKE) and np.ptp(alike) < ALIKE:
+        warnings.append(
+            f"All axes of the gyroscope are {np.mean(alike):+.1f} % off alike, as if the sample "
+            f"rate or the clock was: check {suspects}."
+        )
+    return outcome, warnings

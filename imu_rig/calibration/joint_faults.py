@@ -27,6 +27,7 @@ from imu_rig.calibration.joint_model import (
 )
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.moves import integrate
+from imu_rig.errors import DataError
 from imu_rig.units import DEG
 
 FAR_OFF = 12.0 * DEG
@@ -46,6 +47,12 @@ CLEAR = 1.3 * DEG
 """Standard uncertainty of a slip's size above which it is not called one."""
 SMALLEST_BUMP = 2.5 * DEG
 """What the dead band of a winch servo can do to a pose without being a fault [rad]."""
+MANY_WRONG = 0.25
+"""Share of wrong turns beyond which it is not single labels that are wrong."""
+LARGEST_FAULT = 90.0 * DEG
+"""A fault beyond it is none: the linearized fit does not reach that far."""
+TURNED_OVER = 25.0 * DEG
+"""Angle between the sensor and its nominal place on the plate that is no sloppy mounting."""
 MOST_FAULTS = 4
 NO_TRUST = 180.0 * DEG
 """Standard deviation of the servos in a pose whose label counts for nothing."""
@@ -79,6 +86,13 @@ def check_labels(data: JointData, accel: Affine, state: JointState, names: Seque
     A = attitudes(data, state).A
     told = A[:, 2, :]
     off = _angle(seen, told)
+    if float(np.median(off)) > FAR_OFF:
+        raise DataError(
+            f"gravity and the jig's angles disagree by {np.median(off) / DEG:.0f} degrees in a "
+            "typical pose: the angles belong to another session, are in another unit or order, or "
+            "axes of the accelerometer are exchanged or mirrored; put that right, or take "
+            "--method multi-position, which needs no angles"
+        )
     far = np.flatnonzero(off > max(6.0 * float(np.median(off)), FAR_OFF))
     match = np.array([_angle(seen[i], told) for i in far]).reshape(len(far), len(data))
     match[data.mounting[far][:, None] != data.mounting] = np.inf
@@ -148,6 +162,13 @@ def _turned_pairs(
         return _turn(q, np.swapaxes(B[first], 1, 2) @ B[last])
 
     wrong = misfit(label) > WRONG_TURN
+    if float(np.mean(wrong)) > MANY_WRONG:
+        raise DataError(
+            f"{int(wrong.sum())} of {len(wrong)} turns of the gyroscope contradict the jig's "
+            "angles: an axis of the jig or of the gyroscope has the wrong sign, or the angles "
+            "belong to another session; put that right, or take --method multi-position, which "
+            "needs no angles"
+        )
     ends = np.concatenate((first, last))
     moves = np.bincount(ends, minlength=len(A))
     bad = np.bincount(ends, weights=np.tile(wrong, 2).astype(float), minlength=len(A))
@@ -216,7 +237,9 @@ def repair(data: JointData, begin: JointState, names: Sequence[str]) -> Repaired
         fit = fit_joint(data, prior, state, components=False)
         state = fit.state
         fault = _most_telling(fit) if len(findings) < MOST_FAULTS else None
-        if fault is None:
+        if fault is None or fault.size**2 > LARGEST_FAULT**2:
+            break
+        if any(f.poses == (fault.pose,) and f.axis == _axis(fault) for f in findings):
             break
         pose, name = fault.pose, _name(names, fault.pose)
         if fault.axis is None:
@@ -243,6 +266,32 @@ def repair(data: JointData, begin: JointState, names: Sequence[str]) -> Repaired
     trusted = prior.servo < NO_TRUST
     prior = replace(prior, servo=np.where(trusted, usual.servo, prior.servo))
     return Repaired(data, prior, state, tuple(findings))
+
+
+def _axis(fault: _Fault) -> str:
+    return "" if fault.axis is None else AXES[fault.axis]
+
+
+def remounted(state: JointState) -> list[Finding]:
+    """Say where the sensor sits otherwise than the protocol says.
+
+    Parameters
+    ----------
+    state : JointState
+        The start of the fit, with the mountings that gravity shows.
+    """
+    found = []
+    for k, turn in enumerate(state.mounting):
+        angle = float(_turn(np.eye(3), turn))
+        if angle > TURNED_OVER:
+            which = f" in mounting {k + 1}" if len(state.mounting) > 1 else ""
+            text = (
+                f"The sensor sits on the plate turned by {angle / DEG:.0f} degrees from where the "
+                f"protocol says{which}: its own parameters do not depend on it, but directions "
+                "that were to be seen twice may not be seen at all."
+            )
+            found.append(Finding("remounted", text, size=angle / DEG))
+    return found
 
 
 @dataclass(frozen=True)
@@ -275,6 +324,7 @@ def _most_telling(fit: JointFit) -> _Fault | None:
     steps_drop = np.where(allowed, steps_drop, 0.0)
     turn_drop = np.where(np.linalg.norm(turn_size, axis=1) > SMALLEST_BUMP, turn_drop, 0.0)
     k, axis = np.unravel_index(int(np.argmax(steps_drop)), steps_drop.shape)
+    turn_drop = np.where(fit.prior.servo.max(axis=1) < NO_TRUST, turn_drop, 0.0)
     i = int(np.argmax(turn_drop))
     if steps_drop[k, axis] >= turn_drop[i]:
         drop, explained = steps_drop[k, axis], late[:, k + 1, axis] * steps_size[k, axis]
@@ -316,7 +366,7 @@ class _Scores:
         drops, sizes = np.zeros(count), np.zeros((count, 3))
         for i in range(count):
             part = slice(3 * i, 3 * i + 3)
-            sizes[i] = -np.linalg.lstsq(self.information[part, part], self.score[part], 1e-6)[0]
+            sizes[i] = -np.linalg.pinv(self.information[part, part], 1e-6) @ self.score[part]
             drops[i] = -float(self.score[part] @ sizes[i])
         return drops, sizes
 

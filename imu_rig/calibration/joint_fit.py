@@ -190,6 +190,8 @@ def align(seen: FloatArray, told: FloatArray) -> FloatArray:
     """
     weight = np.ones(len(seen))
     R = np.eye(3)
+    if len(seen) < 2:
+        return R
     for _ in range(8):
         U, _, Vt = np.linalg.svd((told * weight[:, None]).T @ seen)
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt

@@ -19,7 +19,7 @@ from imu_rig.calibration.earth import earth_covariance
 from imu_rig.calibration.faces import faces_of
 from imu_rig.calibration.gyro_bias import BiasTrack, track_bias
 from imu_rig.calibration.magnitude import UNKNOWNS, MagnitudeFit, fit_magnitude
-from imu_rig.calibration.model import AXES, PhysicalFigures, physical_figures
+from imu_rig.calibration.model import AXES, Affine, PhysicalFigures, physical_figures
 from imu_rig.calibration.moves import Moves, moves_between
 from imu_rig.calibration.session import AccelOutcome, GyroOutcome, Outcome, Session
 from imu_rig.calibration.suspicion import describe_axes, match_gyro
@@ -43,6 +43,8 @@ HOPELESS = 5.0 * DEG
 LARGE_EXCESS = 0.3 * DEG
 LARGE_NOISE_SCALE = 2.5
 LARGE_WALK = 0.2 * DEG
+ABSURD_SCALE = 60.0
+"""What no wrong sensor but only wrong data can be off by [%]."""
 STRANGE_SCALE = 15.0
 """No sensor of this kind is further off its nominal scale [%]: a unit or a rate is wrong."""
 
@@ -95,15 +97,15 @@ def solve_accelerometer(session: Session) -> tuple[MagnitudeFit, list[str]]:
         raise DataError(
             f"{len(stills)} still poses cannot determine the nine parameters of an accelerometer "
             f"(scale, non-orthogonality and bias of three axes); record {COMFORTABLE_POSES} or "
-            f"more; {_add(directions)}{_or_faces(stills.accel_mean)}"
+            f"more; {poses_needed(directions)}{_or_faces(stills.accel_mean)}"
         )
     fit = fit_magnitude(stills.accel_mean, stills.accel_cov, session.gravity.value)
     figures = physical_figures(fit.affine)
-    free = _beyond(figures, NO_ACCEL)
+    free = beyond(figures, NO_ACCEL)
     if free:
         raise DataError(
-            f"the {len(stills)} still poses do not determine {_list(free)} of the accelerometer; "
-            f"{_add(directions)}{_or_faces(stills.accel_mean)}"
+            f"the {len(stills)} still poses do not determine {listed(free)} of the accelerometer; "
+            f"{poses_needed(directions)}{_or_faces(stills.accel_mean)}"
         )
     return fit, _accel_warnings(session, fit, figures, directions)
 
@@ -139,15 +141,9 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
             "typical move whatever the gain: check the gyroscope's unit, its axes and the sample "
             "rate"
         )
-    # Column j of K is what a turn about raw axis j does.
-    unknown = fit.affine.K_uncertainty / np.where(np.eye(3) > 0, NO_GAIN, NO_LEAN)
-    free = [axis for j, axis in enumerate(AXES) if unknown[:, j].max() > 1.0]
-    if free:
-        return None, [
-            f"The gyroscope was not calibrated because the moves do not show how it responds to "
-            f"turns about {_list(free)}: turn it by 90 to 180 degrees between still poses about "
-            f"{_list(free)} while that axis is level."
-        ]
+    unseen = unseen_turns(fit.affine)
+    if unseen:
+        return None, [unseen]
     affine = fit.affine.with_bias_covariance(
         earth_covariance(moves, len(stills), fit.affine.K, track.at_stills)
     )
@@ -163,6 +159,32 @@ def _solve_gyro(session: Session, accel: MagnitudeFit) -> tuple[GyroOutcome | No
         sigma=fit.sigma,
     )
     return outcome, _gyro_warnings(session, moves, track, fit, figures)
+
+
+def unseen_turns(gyro: Affine) -> str:
+    """Say about which axes the moves never turned a gyroscope; empty if about all.
+
+    Raises
+    ------
+    DataError
+        A gain that mirrors: one of the axes has the wrong sign.
+    """
+    # Column j of K is what a turn about raw axis j does.
+    unknown = gyro.K_uncertainty / np.where(np.eye(3) > 0, NO_GAIN, NO_LEAN)
+    free = [axis for j, axis in enumerate(AXES) if unknown[:, j].max() > 1.0]
+    if free:
+        return (
+            f"The gyroscope was not calibrated because the moves do not show how it responds to "
+            f"turns about {listed(free)}: turn it by 90 to 180 degrees between still poses about "
+            f"{listed(free)} while that axis is level."
+        )
+    wrong = [axis for j, axis in enumerate(AXES) if gyro.K[j, j] < 0]
+    if wrong:
+        raise DataError(
+            f"the gyroscope turns the wrong way about {listed(wrong)}: correct the sign of that "
+            "column"
+        )
+    return ""
 
 
 def refuse_wrong_gyro(moves: Moves, bias: FloatArray) -> None:
@@ -198,17 +220,17 @@ def _accel_warnings(
 ) -> list[str]:
     warnings = []
     count = int(fit.used.sum())
-    large = _beyond(figures, LARGE_ACCEL)
+    large = beyond(figures, LARGE_ACCEL)
     if count < COMFORTABLE_POSES:
         warnings.append(
             f"{count} poses for nine accelerometer parameters leave the fit fragile "
             f"({count - UNKNOWNS} to spare, {COMFORTABLE_POSES - UNKNOWNS} advised): standard "
-            f"uncertainties reach {_largest(figures, 'accel')}; {_add(directions)}."
+            f"uncertainties reach {largest(figures, 'accel')}; {poses_needed(directions)}."
         )
     elif large:
         warnings.append(
-            f"The poses determine {_list(large)} of the accelerometer poorly: standard "
-            f"uncertainties reach {_largest(figures, 'accel')}; {_add(directions)}."
+            f"The poses determine {listed(large)} of the accelerometer poorly: standard "
+            f"uncertainties reach {largest(figures, 'accel')}; {poses_needed(directions)}."
         )
     for i in np.flatnonzero(~fit.used):
         times = abs(fit.left_out[i] / fit.left_out_sigma[i])
@@ -222,7 +244,7 @@ def _accel_warnings(
             f"The poses disagree with each other {fit.noise_scale:.1f} times as much as the noise "
             "within them explains: a sensor that warms up, is not linear, or was not at rest."
         )
-    warnings += _strange_scale(figures, "accelerometer", "its unit")
+    warnings += strange_scale(figures, "accelerometer", "its unit")
     return warnings
 
 
@@ -230,12 +252,12 @@ def _gyro_warnings(
     session: Session, moves: Moves, track: BiasTrack, fit: DirectionFit, figures: PhysicalFigures
 ) -> list[str]:
     warnings = []
-    large = _beyond(figures, LARGE_GYRO)
+    large = beyond(figures, LARGE_GYRO)
     if large:
         warnings.append(
-            f"{int(fit.used.sum())} usable moves determine {_list(large)} of the gyroscope poorly: "
-            f"standard uncertainties reach {_largest(figures, 'gyro')}; add turns of 90 to 180 "
-            "degrees about each axis while it is level."
+            f"{int(fit.used.sum())} usable moves determine {listed(large)} of the gyroscope "
+            f"poorly: standard uncertainties reach {largest(figures, 'gyro')}; add turns of 90 to "
+            "180 degrees about each axis while it is level."
         )
     for i in np.flatnonzero(~fit.used):
         warnings.append(
@@ -253,21 +275,35 @@ def _gyro_warnings(
             f"The gyroscope's bias walked by {span / DEG:.2f} deg/s during the session; the "
             "certificate states its mean, so let the sensor warm up first."
         )
-    warnings += _strange_scale(figures, "gyroscope", "its unit, range setting or the sample rate")
+    warnings += strange_scale(figures, "gyroscope", "its unit, range setting or the sample rate")
     return warnings
 
 
-def _strange_scale(figures: PhysicalFigures, sensor: str, suspects: str) -> list[str]:
+def strange_scale(figures: PhysicalFigures, sensor: str, suspects: str) -> list[str]:
+    """Warn of an axis that is further off its nominal scale than sensors are.
+
+    Raises
+    ------
+    DataError
+        So far off that no sensor reads like that.
+    """
     worst = int(np.argmax(np.abs(figures.scale_percent)))
     if abs(figures.scale_percent[worst]) < STRANGE_SCALE:
         return []
+    if abs(figures.scale_percent[worst]) > ABSURD_SCALE:
+        raise DataError(
+            f"axis {AXES[worst]} of the {sensor} would be {figures.scale_percent[worst]:+.3g} % "
+            f"off its nominal scale, which no sensor is: check {suspects}, and that every axis "
+            "has a column of its own"
+        )
     return [
         f"Axis {AXES[worst]} of the {sensor} is {figures.scale_percent[worst]:+.0f} % off its "
         f"nominal scale, more than such a sensor should be: check {suspects}."
     ]
 
 
-def _add(directions: FloatArray) -> str:
+def poses_needed(directions: FloatArray) -> str:
+    """Say which poses to add to those with ``directions`` (m, 3) up."""
     missing = poses_to_add(directions)
     if not missing:
         # The directions would do; what the poses disagree by is not for want of them.
@@ -287,18 +323,21 @@ def _named(figures: PhysicalFigures) -> list[tuple[str, int, float]]:
     ]
 
 
-def _beyond(figures: PhysicalFigures, bounds: tuple[float, float, float]) -> list[str]:
+def beyond(figures: PhysicalFigures, bounds: tuple[float, float, float]) -> list[str]:
+    """Name the figures that are more uncertain than scale [%], angle [rad] and bias bounds."""
     return [name for name, kind, u in _named(figures) if u > bounds[kind]]
 
 
-def _largest(figures: PhysicalFigures, sensor: str) -> str:
+def largest(figures: PhysicalFigures, sensor: str) -> str:
+    """State the largest uncertainty of each kind."""
     scale, angle, bias = (max(u for _, k, u in _named(figures) if k == kind) for kind in (0, 1, 2))
     bias_text = f"{bias / MILLI_G:.2g} mg" if sensor == "accel" else f"{bias / DEG:.2g} deg/s"
     angles = f"{angle * 1e3:.2g} mrad in {figures.angles}"
     return f"{scale:.2g} % in scale, {angles} and {bias_text} in bias"
 
 
-def _list(words: list[str]) -> str:
+def listed(words: list[str]) -> str:
+    """Join words as a sentence does."""
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 

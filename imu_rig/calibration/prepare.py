@@ -12,6 +12,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.magnetic import varies
+from imu_rig.calibration.plausible import refuse_dead_axes, refuse_impossible_readings
 from imu_rig.calibration.session import CommandedPoses, Session
 from imu_rig.calibration.stills import (
     Stills,
@@ -25,6 +26,8 @@ from imu_rig.calibration.stills import (
 from imu_rig.calibration.suspicion import MOVED, SATURATED_SHARE, at_limit
 from imu_rig.errors import DataError, InputError
 
+GROSSLY_MOVED = 80.0
+"""Drift within a still, in its own standard errors, that makes its mean worthless."""
 WARMED_C = 1.0
 """Change of temperature during a recording that is worth a sentence: half a milli-g, or so."""
 RATE_SLIP = 10.0
@@ -66,8 +69,8 @@ def prepare(
     InputError
         Commanded angles that do not fit the windows.
     """
-    if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
-        raise DataError("the recording holds values that are not numbers")
+    refuse_impossible_readings(block)
+    refuse_dead_axes(block)
     if commanded is not None and (windows is None or len(commanded.angles_deg) != len(windows)):
         raise InputError(
             "commanded angles need one still window each: give as many windows as poses"
@@ -105,7 +108,7 @@ def prepare(
     accel_bad, gyro_bad = at_limit(block.accel, accel_limit), at_limit(block.gyro, gyro_limit)
     frozen = frozen_rows(block)
     saturated = _saturated_axis(stills, accel_bad)
-    usable = saturated < 0
+    usable = (saturated < 0) & (stills.drift <= GROSSLY_MOVED)
     findings += _saturation(block, stills, names, saturated)
     warnings = [*broken, *(finding.text for finding in findings)]
     usable &= _alive(stills, names, frozen, warnings)
@@ -200,8 +203,12 @@ def _moved(stills: Stills, names: tuple[str, ...]) -> list[Finding]:
         Finding(
             "moved",
             f"The sensor moved during {names[i]} ({stills.t0[i]:.1f} to {stills.t1[i]:.1f} s), so "
-            "its mean is taken as less certain: let it settle longer there, and hold it quite "
-            "still.",
+            + (
+                "it was set aside"
+                if stills.drift[i] > GROSSLY_MOVED
+                else "its mean is taken as less certain"
+            )
+            + ": let it settle longer there, and hold it quite still.",
             (i,),
         )
         for i in np.flatnonzero(stills.drift > MOVED).tolist()

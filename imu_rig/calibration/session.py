@@ -94,8 +94,12 @@ class CommandedPoses:
         for per_pose in (self.mounting, self.check):
             if per_pose and len(per_pose) != len(angles):
                 raise InputError("mounting and check need one entry per commanded pose")
-        if self.mounting and max(self.mounting) >= max(1, len(self.mounting_turns)):
-            raise InputError("every mounting needs its nominal rotation")
+        if self.mounting and not 0 <= min(self.mounting) <= max(self.mounting) < max(
+            1, len(self.mounting_turns)
+        ):
+            raise InputError("mountings count from 0, and each needs its nominal rotation")
+        if self.mounting_turns and not np.all(np.isfinite(self.mounting_turns)):
+            raise InputError("the nominal rotations of the mountings must be finite numbers")
         object.__setattr__(self, "angles_deg", angles)
 
     def only(self, keep: BoolArray) -> CommandedPoses:
