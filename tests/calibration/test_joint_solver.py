@@ -73,7 +73,11 @@ def test_every_derivative_is_the_difference_of_residuals():
     state = state.moved(np.random.default_rng(1).normal(0, 1e-4, places.count), places)
     rows = system(data, state, Turned.at(data, state), prior, places)
     assert rows.jacobian.shape == (len(rows.residual), places.count)
-    for column in range(places.count):
+    # All common unknowns, and those of three poses: the first, a locked one, the last.
+    poses = np.array([0, 7, len(data) - 1])
+    own = (3 * poses[:, None] + np.arange(3)).ravel()
+    latent = [part.start + own for part in (places.deviation, places.wobble, places.bias)]
+    for column in (*range(places.mounting.stop), *np.concatenate(latent).tolist()):
         step = np.zeros(places.count)
         step[column] = 1e-4 if column < MOUNTING else 1e-5
         there = []
