@@ -12,6 +12,7 @@ from imu_rig.calibration.magnetic import calibrate_from_samples, calibrate_from_
 from imu_rig.calibration.magnetometer import FEWEST
 from imu_rig.calibration.magnitude import full_covariance
 from imu_rig.calibration.model import Affine
+from imu_rig.calibration.prepare import temperature_range
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo, ErrorStages
 from imu_rig.calibration.session import Outcome, Session
 from imu_rig.calibration.stills import sample_rate
@@ -34,7 +35,12 @@ def magnetometer_beside(
         What to heed, or why it was not calibrated.
     """
     if not varies(session.block):
-        return None, ()
+        if session.block.mag is None:
+            return None, ()
+        return None, (
+            "The magnetometer was not calibrated: its readings never change, so it is switched off "
+            "or dead.",
+        )
     accel, on_jig = outcome.accel.affine, session.commanded is not None
     try:
         if on_jig or len(session.stills) >= FEWEST:
@@ -78,7 +84,6 @@ def magnetometer_alone(
     except DataError as error:
         raise DataError(f"the magnetometer cannot be calibrated: {error}") from error
     sheet = full_covariance(np.diag(SHEET_SIGMA**2))
-    temperature = block.temperature
     return CalibrationResult(
         method=MAGNETOMETER,
         device=device,
@@ -92,9 +97,7 @@ def magnetometer_alone(
         gyro_errors=ErrorStages(),
         rate_hz=rate,
         duration_s=float(block.t[-1] - block.t[0]),
-        temperature_c=(
-            None if temperature is None else (float(temperature.min()), float(temperature.max()))
-        ),
+        temperature_c=temperature_range(block),
         warnings=(
             "Only the magnetometer was calibrated: the accelerometer is left as it is, with the "
             "uncertainty of a data sheet.",

@@ -15,8 +15,10 @@ from imu_rig.calibration.allan import AllanCurve, Correlation, allan_curve
 from imu_rig.calibration.allan_fit import AllanFit, Coefficient, fit_curve
 from imu_rig.calibration.certificate_parts import DeviceEntry, RecordingEntry
 from imu_rig.calibration.noise_model import AxisNoise, NoiseCoefficient, NoiseModel, SensorNoise
+from imu_rig.calibration.readings import require_readings
 from imu_rig.calibration.result import DeviceInfo
 from imu_rig.calibration.stills import WINDOW_S, find_stills, gaps, sample_rate
+from imu_rig.calibration.temperature import believable
 from imu_rig.errors import DataError
 from imu_rig.units import DEG
 
@@ -93,14 +95,14 @@ def analyse_noise(
     DataError
         Data that are not numbers, never at rest for 10 s, at the range limit or constant.
     """
-    if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
-        raise DataError("the recording holds values that are not numbers")
+    require_readings(block)
+    block, unlikely = believable(block)
     sample_rate(block.t)  # refuses time that does not increase
     parts = _rest(block, progress)
     steps = sum(j - i - 1 for i, j in parts)
     length = float(sum(block.t[j - 1] - block.t[i] for i, j in parts))
     period = length / steps
-    warnings = _left_out(block, parts, length)
+    warnings = unlikely + _left_out(block, parts, length)
     curves: dict[str, tuple[AxisCurve, AxisCurve, AxisCurve]] = {}
     correlation: Correlation | None = None
     for number, (name, title) in enumerate(SENSORS.items()):

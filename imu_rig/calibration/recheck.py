@@ -19,10 +19,12 @@ from imu_rig.calibration.drift import (
     drift,
 )
 from imu_rig.calibration.gravity import Gravity
+from imu_rig.calibration.readings import require_readings
 from imu_rig.calibration.result import DeviceInfo, ErrorStages, ErrorSummary
 from imu_rig.calibration.stills import find_stills, gaps
+from imu_rig.calibration.temperature import believable
 from imu_rig.calibration.verification import Limits, Scatter, Verification, checks_of, verify
-from imu_rig.errors import DataError, InputError
+from imu_rig.errors import InputError
 from imu_rig.units import DEG, MILLI_G
 
 OTHER_TEMPERATURE_C = 3.0
@@ -94,8 +96,8 @@ def recheck(
         Gravity of a place that the certificate's scale does not know, or a certificate that knows
         nothing.
     """
-    if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
-        raise DataError("the recording holds values that are not numbers")
+    require_readings(block)
+    block, odd = believable(block)
     local = _gravity(certificate, gravity)
     limits = limits or Limits()
     if windows is None:
@@ -125,7 +127,7 @@ def recheck(
     )
     changes = drift(accel, gyro if turns else None, checks, local.value, scatter)
     notes = _sentences(changes) + _unknown(changes) + _circumstances(certificate, block, turns)
-    return Recheck(verification, changes, tuple(notes))
+    return Recheck(verification, changes, (*notes, *odd))
 
 
 def other_device(certificate: DeviceEntry, device: DeviceInfo) -> str | None:

@@ -22,9 +22,10 @@ from imu_rig.calibration.magnetometer_beside import (
 from imu_rig.calibration.multi_position import multi_position, static
 from imu_rig.calibration.paper_method import paper, paper_diagonal
 from imu_rig.calibration.prepare import magnetometer_alone_fits, prepare, still_spans
+from imu_rig.calibration.readings import require_readings
 from imu_rig.calibration.result import CalibrationResult, DeviceInfo
 from imu_rig.calibration.session import CommandedPoses, Outcome, Session
-from imu_rig.calibration.temperature import sensitivity
+from imu_rig.calibration.temperature import believable, sensitivity
 from imu_rig.calibration.turntable import turntable
 from imu_rig.calibration.verification import Limits, Scatter, Verification, checks_of, verify
 from imu_rig.errors import DataError, InputError
@@ -95,8 +96,11 @@ def solve(
         Arguments that do not fit each other.
     """
     local = Gravity.given(gravity) if isinstance(gravity, float | int) else gravity or Gravity()
+    block, notes = believable(block)
     if method == MAGNETOMETER:
-        return magnetometer_alone(block, local, device or DeviceInfo(), field_ut)
+        alone = magnetometer_alone(block, local, device or DeviceInfo(), field_ut)
+        return replace(alone, warnings=(*notes, *alone.warnings))
+    require_readings(block)
     method = chosen_method(method, on_jig=commanded is not None)
     facts = known or Known()
     if windows is None and facts.spans:
@@ -112,6 +116,7 @@ def solve(
             f"{error}. There is a magnetometer and no gyroscope: to calibrate the magnetometer "
             f"alone, which needs no rests, take --method {MAGNETOMETER}"
         ) from error
+    warnings = [*notes, *warnings]
     thermal = sensitivity(session, outcome)
     if thermal is not None:
         session, outcome = thermal.session, thermal.outcome

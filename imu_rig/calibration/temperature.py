@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.magnitude import FLICKER, UPPER
 from imu_rig.calibration.model import PARAMETERS, Affine
 from imu_rig.calibration.session import AccelOutcome, Outcome, Session
 from imu_rig.calibration.temperature_term import Slopes, TemperatureTerm, at_reference
 from imu_rig.units import DEG, MILLI_G
 
+POSSIBLE_C = (-100.0, 200.0)
+"""What the temperature of a sensor that works may be."""
 LEAST_SPAN_C = 3.0
 """Smaller changes of temperature tell too little."""
 FEWEST_STILLS = 12
@@ -63,6 +66,35 @@ class Sensitivity:
     notes: tuple[str, ...]
 
 
+def believable(block: ImuBlock) -> tuple[ImuBlock, list[str]]:
+    """Take temperatures that no sensor can have for unknown, and say so.
+
+    Returns
+    -------
+    block : ImuBlock
+        With NaN in their places.
+    notes : list of str
+        One sentence where there were any.
+    """
+    if block.temperature is None:
+        return block, []
+    low, high = POSSIBLE_C
+    wrong = (block.temperature < low) | (block.temperature > high)
+    count = int(np.sum(wrong))
+    if not count:
+        return block, []
+    told = (
+        f"{count} of {len(block)} temperatures lie outside {low:g} to {high:g} degC and are taken "
+        "for unknown: a bad connection, or the unit or the column is wrong."
+    )
+    return replace(block, temperature=np.where(wrong, np.nan, block.temperature)), [told]
+
+
+def _mean_known(temperature: FloatArray) -> float:
+    known = temperature[np.isfinite(temperature)]
+    return float(known.mean()) if len(known) else np.nan
+
+
 def sensitivity(session: Session, outcome: Outcome) -> Sensitivity | None:
     """Estimate how accelerometer and gyroscope depend on temperature.
 
@@ -72,7 +104,7 @@ def sensitivity(session: Session, outcome: Outcome) -> Sensitivity | None:
     if session.block.temperature is None or len(stills) < FEWEST_STILLS:
         return None
     rows = zip(stills.start, stills.stop, strict=True)
-    temperature = np.array([session.block.temperature[i:j].mean() for i, j in rows])
+    temperature = np.array([_mean_known(session.block.temperature[i:j]) for i, j in rows])
     if not np.all(np.isfinite(temperature)) or np.ptp(temperature) < LEAST_SPAN_C:
         return None
     reference = float(temperature.mean())

@@ -28,6 +28,8 @@ from imu_rig.importing.unit_text import Kind, parse_unit
 RATE_AGREES = 0.1
 """How far a stated rate may be from that of the time column."""
 _RATE_WORD = re.compile(r"\b(?:fs|odr|\w*rate|freq\w*)\b[^0-9]{0,20}[0-9]", re.IGNORECASE)
+LARGEST = 1e12
+"""No sensor's number is larger, be it counts or any unit."""
 USUAL_RATES_HZ = (2.0, 20_000.0)
 
 
@@ -85,6 +87,7 @@ def read_table(
     )
     plan = _plan(source, form, stated)
     numbers = read_numbers(source, form, plan.wanted)
+    _refuse_enormous(source, plan, numbers)
     if rows is not None:
         numbers = numbers[rows]
     place = {index: i for i, index in enumerate(plan.wanted)}
@@ -242,6 +245,22 @@ def _refuse_constant(source: Path, form: Form, triad: Triad, values: FloatArray)
             f"{source}: column {name} is {values[0, axis]:g} in every row: a dead sensor axis or "
             "the wrong column"
         )
+
+
+def _refuse_enormous(source: Path, plan: _Plan, numbers: FloatArray) -> None:
+    """Refuse what overflows, by the line it is in; ``numbers`` are in the order of the file."""
+    single = (plan.temperature, plan.time)
+    columns = [i for i, index in enumerate(plan.wanted) if index not in single]
+    rows, which = np.nonzero(np.abs(numbers[:, columns]) > LARGEST)
+    if not len(rows):
+        return
+    row, column = int(rows[0]), columns[int(which[0])]
+    index, names = plan.wanted[column], plan.form.names
+    raise InputError(
+        f"{source}, line {line_of_row(source, plan.form, row)}: column "
+        f"{names[index] if names else index + 1} is {numbers[row, column]:.3g}, which no sensor "
+        "gives in any unit: correct or cut out the row"
+    )
 
 
 def _times(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_fields import DEG, FIELD, Compass, jig_matrices, pose_list, session
+from simulated_sessions import random_sensor, record, spread_attitudes
 from typer.testing import CliRunner
 
 from imu_rig import rotation
@@ -231,3 +232,12 @@ def test_a_real_recording_by_halves_agrees_within_its_stated_uncertainties(real)
     centres = [np.linalg.solve(r.affine.K, r.affine.b) for r in (first, last)]
     sigma = np.hypot(*(r.affine.b_uncertainty for r in (first, last)))
     assert np.all(np.abs(centres[0] - centres[1]) < 4 * sigma)
+
+
+@pytest.mark.parametrize("value", [0.0, 31.5])
+def test_a_magnetometer_that_never_changes_is_told(value):
+    rng = np.random.default_rng(4)
+    block = record(spread_attitudes(12, rng), random_sensor(rng), rng).block
+    result = solve(replace(block, mag=np.full_like(block.accel, value)))
+    assert result.mag is None
+    assert any("magnetometer was not calibrated" in warning for warning in result.warnings)

@@ -302,3 +302,14 @@ def test_a_damaged_file_is_refused_in_a_sentence(tmp_path, change, words: str) -
     file.write_text("{")
     with pytest.raises(InputError, match="not JSON"):
         load_noise_model(file)
+
+
+def test_impossible_and_missing_readings_are_refused_in_a_sentence() -> None:
+    """Before any arithmetic overflows: warnings of numpy are errors in tests."""
+    block = still_block(count=3000)
+    accel = block.accel.copy()
+    accel[7, 1] = 1e200
+    with pytest.raises(DataError, match=r"accelerometer reads up to 1e\+200 m/s\^2"):
+        analyse_noise(replace(block, accel=accel))
+    with pytest.raises(DataError, match="no samples"):
+        analyse_noise(block[:0])

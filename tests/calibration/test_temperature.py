@@ -137,3 +137,18 @@ def test_a_temperature_that_is_no_number_is_no_temperature(bad: float) -> None:
     temperature[:] = bad
     result = solve(replace(block, temperature=temperature), holds)
     assert result.temperature is None
+
+
+@pytest.mark.parametrize("glitch", [1e200, -1e200, 201.0])
+def test_an_impossible_temperature_is_unknown_and_said(glitch: float) -> None:
+    """One wrong value costs neither the slopes nor the page its width."""
+    block, holds, _ = session(15, chamber)
+    temperature = block.temperature.copy()
+    temperature[len(temperature) // 2] = glitch
+    result = solve(replace(block, temperature=temperature), holds)
+    assert result.temperature is not None
+    assert result.temperature_c[0] > 10.0
+    assert result.temperature_c[1] < 40.0
+    told = [warning for warning in result.warnings if "taken for unknown" in warning]
+    assert len(told) == 1
+    assert all(len(warning) < 400 for warning in result.warnings)

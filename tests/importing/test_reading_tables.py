@@ -435,3 +435,12 @@ def test_names_are_recognized_only_when_they_are_clear():
     found = recognize(["t", "z_acc", "y_acc", "x_acc"], "accel")
     assert found is not None
     assert found.indices == (3, 2, 1)
+
+
+def test_a_number_that_no_sensor_gives_is_refused_by_its_line(tmp_path):
+    for column, name in ((1, "ay"), (5, "gz")):
+        table = samples()
+        table[7, column] = -1e200
+        path = write(tmp_path, "\n".join([NAMES, *lines(table, " ")]))
+        with pytest.raises(InputError, match=rf"line 9: column {name} is -1e\+200"):
+            read_table(path, ColumnMap(rate_hz=100.0))
