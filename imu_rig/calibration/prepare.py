@@ -12,7 +12,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.findings import Finding
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.magnetic import varies
-from imu_rig.calibration.plausible import refuse_dead_axes, refuse_impossible_readings
+from imu_rig.calibration.readings import refuse_dead_axes
 from imu_rig.calibration.session import CommandedPoses, Session
 from imu_rig.calibration.stills import (
     Stills,
@@ -69,7 +69,6 @@ def prepare(
     InputError
         Commanded angles that do not fit the windows.
     """
-    refuse_impossible_readings(block)
     refuse_dead_axes(block)
     if commanded is not None and (windows is None or len(commanded.angles_deg) != len(windows)):
         raise InputError(

@@ -94,7 +94,7 @@ def mirrored(axis):
         (one_axis_died, "axis y of the gyroscope"),
         (accel_stuck, "of the accelerometer repeats"),
         (upside_down, "angles|sign|axes"),
-        (spike, "beyond the range"),
+        (spike, "which no sensor does"),
         (not_a_number, "not numbers"),
         (mirrored(0), "x|sign|turns"),
         (mirrored(1), "sign|axes|turns"),
