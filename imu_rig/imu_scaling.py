@@ -73,3 +73,8 @@ def si_values(
     for name, factor in factors.items():
         columns[name] = values(layout, rows, name) * factor
     return columns
+
+
+def watched_fields(layout: PacketLayout) -> tuple[str, ...]:
+    """Return the fields whose counts change all the time while a sensor measures."""
+    return tuple(name for name in ("accel", "gyro") if layout.has(name))

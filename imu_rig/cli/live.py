@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from imu_rig.session.progress import Progress, StopRequest
+from imu_rig.session.progress import Progress
+from imu_rig.stopping import StopRequest
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -138,14 +139,19 @@ def _clock(seconds: float) -> str:
 
 @contextmanager
 def stop_on_signals(
-    stop: StopRequest, notify: Callable[[str], None] = lambda sentence: None
+    stop: StopRequest,
+    notify: Callable[[str], None] = lambda sentence: None,
+    stopping: str = "Stopping: the jig parks and the file is closed; once more to hurry.",
 ) -> Iterator[None]:
-    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs."""
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs.
+
+    ``stopping`` is said at the first.
+    """
 
     def handle(number: int, frame: FrameType | None) -> None:
         del frame
         if stop.cause is None:
-            notify("Stopping: the jig parks and the file is closed; once more to hurry.")
+            notify(stopping)
         stop.make(f"Stopped by {signal.Signals(number).name}.")
 
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]

@@ -16,7 +16,8 @@ from imu_rig.cli.hands import TerminalHands
 from imu_rig.cli.live import SessionView, stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
 from imu_rig.errors import AnotherSensor, InputError, SessionStopped, reason_of
-from imu_rig.session.progress import Hands, Progress, StopRequest, ignore
+from imu_rig.session.progress import Hands, Progress, ignore
+from imu_rig.stopping import StopRequest
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate

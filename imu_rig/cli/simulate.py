@@ -34,7 +34,7 @@ def rig(
 
     from imu_rig.cli.live import stop_on_signals
     from imu_rig.clock import SystemClock
-    from imu_rig.session.progress import StopRequest
+    from imu_rig.stopping import StopRequest
     from simulators.rig import RigConfig, SimulatedRig
 
     config = RigConfig.random(seed)

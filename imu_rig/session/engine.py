@@ -34,12 +34,12 @@ from imu_rig.session.progress import (
     NoHands,
     Progress,
     SessionOutcome,
-    StopRequest,
     ignore,
 )
 from imu_rig.session.protocol import AxisName, Pose
 from imu_rig.session.stillness import WINDOW_S, StillnessMonitor, scatter
 from imu_rig.session.watch import POLL_S, Watch
+from imu_rig.stopping import StopRequest
 
 # Times in seconds.
 REST_S = 1.5  # of rest before the first move, to learn the sensor's own scatter

@@ -18,8 +18,9 @@ from imu_rig.recording.writer import TrialWriter
 from imu_rig.session.engine import SessionEngine
 from imu_rig.session.history import IMU_SOURCE, MAESTRO_SOURCE, read_session, session_config
 from imu_rig.session.plan import SessionPlan, plan_session
-from imu_rig.session.progress import Hands, Progress, SessionOutcome, StopRequest, ignore
+from imu_rig.session.progress import Hands, Progress, SessionOutcome, ignore
 from imu_rig.session.protocol import JigProtocol
+from imu_rig.stopping import StopRequest
 
 
 @dataclass(frozen=True)

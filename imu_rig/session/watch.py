@@ -20,8 +20,9 @@ from imu_rig.devices.jig import Jig
 from imu_rig.errors import DeviceError, DeviceLost, SessionInterrupted, StorageError
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
-from imu_rig.session.progress import Progress, StopRequest
+from imu_rig.session.progress import Progress
 from imu_rig.session.stillness import StillnessMonitor
+from imu_rig.stopping import StopRequest
 
 # Times in seconds.
 POLL_S = 0.02  # between looks at the sensor

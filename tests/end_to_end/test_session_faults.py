@@ -18,9 +18,10 @@ from imu_rig.devices.jig import load_jig
 from imu_rig.errors import SessionInterrupted, SessionStopped, StorageError
 from imu_rig.recording.reader import Trial, open_trial
 from imu_rig.session.history import read_session
-from imu_rig.session.progress import Progress, StopRequest
+from imu_rig.session.progress import Progress
 from imu_rig.session.protocol import JigProtocol, Step
 from imu_rig.session.run import SessionSetup, resumed_setup, run_session
+from imu_rig.stopping import StopRequest
 from simulators.rig import RigConfig, SimulatedRig
 
 SPEED = 10.0

@@ -17,10 +17,11 @@ from imu_rig.devices.jig import load_jig
 from imu_rig.errors import SessionInterrupted, SessionStopped
 from imu_rig.recording.reader import open_trial
 from imu_rig.session.history import read_session
-from imu_rig.session.progress import Progress, StopRequest
+from imu_rig.session.progress import Progress
 from imu_rig.session.protocol import JigProtocol, Mounting, Step
 from imu_rig.session.run import SessionSetup, resumed_setup, run_session
 from imu_rig.session.solve import solve_session
+from imu_rig.stopping import StopRequest
 from simulators.rig import RigConfig, SimulatedRig
 
 PROTOCOL = JigProtocol(

@@ -1,0 +1,1 @@
+"""Trials written as the formats of other programs, after the recording has ended."""

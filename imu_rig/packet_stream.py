@@ -1,0 +1,352 @@
+"""The one place where the bytes of a device become packets with times, live or recorded.
+
+Decode, put in order, map to the host's clock: a live stream and a recording go through the same
+steps. They differ in one thing only: live, a packet's time comes from the clock fit as known when
+it arrived; in a recording, from the fit to the whole of it.
+
+Times are seconds of the host's monotonic clock (``Clock.now_ns() / 1e9``), with the origin that
+the caller's arrival times have; a float holds them to about a nanosecond for months of uptime.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from firmware_protocols.decoder import StreamDecoder
+from firmware_protocols.layout import PacketLayout
+from firmware_protocols.packets import counts
+from imu_rig.arrays import AnyArray, FloatArray, IntArray, StructArray
+from imu_rig.clock import NS_PER_S
+from imu_rig.errors import InputError
+from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, LiveClockFit, fit_clock
+from imu_rig.timing.counters import differences
+from imu_rig.timing.host_time import HostTime
+from imu_rig.timing.sample_order import Ordered, SampleOrder, TimeSource
+
+# The real rate of samples that carry no clock is measured.
+COUNTED_SPAN_S = 2.0  # after which the real rate of samples without a clock is fitted
+COUNTED_SKEW = 0.1  # by which it may differ from the nominal rate
+UNRATED_SPAN_S = 0.3  # the same where the layout states no rate
+UNRATED_SKEW = 99.0
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """What has become of everything received so far.
+
+    Attributes
+    ----------
+    good : int
+        Packets with a correct header and checksum, duplicates and late ones included.
+    corrupt, skipped_bytes : int
+        Packets with a wrong checksum; bytes that belong to no good packet.
+    lost : int
+        Samples missing between those delivered, by counter or clock.
+    duplicates, reordered, strays : int
+        Packets repeated; packets that came after later ones; packets with an impossible clock.
+    restarts : int
+        Times that the device's clock or counter began anew.
+    """
+
+    good: int = 0
+    corrupt: int = 0
+    skipped_bytes: int = 0
+    lost: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+    strays: int = 0
+    restarts: int = 0
+
+
+@dataclass(frozen=True)
+class PacketBlock:
+    """``n`` consecutive packets of one device, in the order in which it made them.
+
+    Attributes
+    ----------
+    rows : shape (n,), structured
+        The packets, of the layout's ``dtype``.
+    t : shape (n,)
+        Time of each on the host's monotonic clock [s]: the device clock mapped by a fit, strictly
+        increasing. The time that algorithms use.
+    host_s : shape (n,)
+        Arrival of the bytes that completed each, host monotonic clock [s]. Bursty and late.
+    device_s : shape (n,) or None
+        Unwrapped device clock [s]; None where the device sends none.
+    counter : shape (n,) or None
+        Unwrapped packet counter; a difference above 1 is a loss. None where there is none.
+    """
+
+    rows: StructArray
+    t: FloatArray
+    host_s: FloatArray
+    device_s: FloatArray | None = None
+    counter: IntArray | None = None
+
+    def __len__(self) -> int:
+        """Return the number of packets."""
+        return len(self.t)
+
+    @staticmethod
+    def empty(layout: PacketLayout) -> PacketBlock:
+        """Return a block without packets."""
+        return PacketBlock(np.empty(0, layout.dtype), np.empty(0), np.empty(0))
+
+    @staticmethod
+    def concatenate(layout: PacketLayout, blocks: Sequence[PacketBlock]) -> PacketBlock:
+        """Join blocks of one device in order."""
+        full = [block for block in blocks if len(block)]
+        if not full:
+            return PacketBlock.empty(layout)
+        devices = [b.device_s for b in full if b.device_s is not None]
+        counters = [b.counter for b in full if b.counter is not None]
+        return PacketBlock(
+            np.concatenate([b.rows for b in full]),
+            np.concatenate([b.t for b in full]),
+            np.concatenate([b.host_s for b in full]),
+            np.concatenate(devices) if len(devices) == len(full) else None,
+            np.concatenate(counters) if len(counters) == len(full) else None,
+        )
+
+
+@dataclass(frozen=True)
+class AssembledPackets:
+    """A whole recording decoded.
+
+    Attributes
+    ----------
+    block : PacketBlock
+    stats : StreamStats
+    time_source : str
+        What the packets' times rest on: "device clock", "packet counter" or "arrival".
+    fits : tuple of ClockFit
+        One for each stretch between restarts.
+    """
+
+    block: PacketBlock
+    stats: StreamStats
+    time_source: TimeSource
+    fits: tuple[ClockFit, ...]
+
+
+class PacketStream:
+    """Turns the bytes of one device into blocks of packets as they arrive.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    watched : sequence of str
+        Fields that never stay the same for long while the device measures.
+
+    Attributes
+    ----------
+    time_source : str
+        What the packets' times rest on: "device clock", "packet counter" or "arrival".
+    identical : int
+        How many of the last packets in a row have the same counts in all watched fields; 0 where
+        none is watched.
+    """
+
+    def __init__(self, layout: PacketLayout, watched: Sequence[str] = ()) -> None:
+        self.layout = layout
+        self._watched = tuple(watched)
+        self._decoder = StreamDecoder(layout)
+        self._order = _order(layout)
+        self.time_source = self._order.time_source
+        self._live = LiveClockFit(**_fit_options(layout, self.time_source))
+        self._mapping = HostTime(self._fit_live)
+        self._chunks: deque[tuple[int, float]] = deque()
+        self._received = 0
+        self._held: tuple[StructArray, FloatArray] | None = None
+        self._segment: int | None = None
+        self.identical = 0
+        self._last_counts: AnyArray | None = None
+
+    @property
+    def stats(self) -> StreamStats:
+        """Counts so far."""
+        return _stats(self._decoder, self._order)
+
+    @property
+    def clock_fit(self) -> ClockFit | None:
+        """The device clock on the host's, as known now; None before the first packet."""
+        return self._live.fit
+
+    def feed(self, t_ns: int, data: bytes) -> PacketBlock:
+        """Take in bytes that arrived at ``t_ns`` (host monotonic clock, not decreasing).
+
+        Returns
+        -------
+        PacketBlock
+            The packets that are complete now, after all returned before; perhaps none.
+        """
+        return self.feed_many([(t_ns, data)])
+
+    def feed_many(self, chunks: list[tuple[int, bytes]]) -> PacketBlock:
+        """Take in several pieces in order of arrival, faster than one by one."""
+        for t_ns, data in chunks:
+            self._received += len(data)
+            self._chunks.append((self._received, t_ns / NS_PER_S))
+        packets = self._decoder.feed(b"".join(data for _, data in chunks))
+        if len(packets.rows) == 0:
+            self._forget_chunks()
+            return PacketBlock.empty(self.layout)
+        stops, arrival = np.array(self._chunks).T
+        host_s = arrival[np.searchsorted(stops, packets.end)]
+        self._forget_chunks()
+        rows = packets.rows
+        if self._held is not None:
+            rows = np.concatenate((self._held[0], rows))
+            host_s = np.concatenate((self._held[1], host_s))
+        ordered = _feed_order(self._order, self.layout, rows, host_s)
+        self._held = (rows[-1:], host_s[-1:]) if ordered.held else None
+        taken, host_s = rows[ordered.rows], host_s[ordered.rows]
+        self._watch(taken)
+        t = self._mapping.times(ordered, host_s)
+        return _block(taken, t, host_s, ordered, self.time_source)
+
+    def _fit_live(self, segment: int, device_s: FloatArray, host_s: FloatArray) -> ClockFit:
+        if self._segment is not None and segment != self._segment:
+            self._live.restart()
+        self._segment = segment
+        return self._live.update(device_s, host_s)
+
+    def _forget_chunks(self) -> None:
+        undecided = self._received - self._decoder.pending
+        while self._chunks and self._chunks[0][0] <= undecided:
+            self._chunks.popleft()
+
+    def _watch(self, rows: StructArray) -> None:
+        """Count how long the counts of the watched fields have not changed."""
+        if len(rows) == 0 or not self._watched:
+            return
+        table = np.concatenate(
+            [counts(self.layout, rows, n).reshape(len(rows), -1) for n in self._watched], axis=1
+        )
+        before = table[0] if self._last_counts is None else self._last_counts
+        changed = np.any(differences(table, before) != 0, axis=1)
+        where = np.flatnonzero(changed)
+        if len(where):
+            self.identical = len(rows) - int(where[-1])
+        else:
+            self.identical += len(rows)
+        self._last_counts = table[-1]
+
+
+def assemble_packets(
+    layout: PacketLayout, data: bytes, stops: IntArray, arrival_s: FloatArray
+) -> AssembledPackets:
+    """Decode a whole recording of one device, with one clock fit from restart to restart.
+
+    Parameters
+    ----------
+    layout : PacketLayout
+    data : bytes
+        Everything the port delivered.
+    stops : shape (m,)
+        Offset in ``data`` just past each piece as it was read.
+    arrival_s : shape (m,)
+        Arrival of each piece, host monotonic clock [s], not decreasing.
+
+    Raises
+    ------
+    InputError
+        If the pieces do not cover the data.
+    """
+    covered = int(stops[-1]) if len(stops) else 0
+    if covered != len(data) or len(stops) != len(arrival_s):
+        raise InputError(
+            f"The pieces of this recording end at byte {covered}, its data at byte {len(data)}: "
+            "give one end and one arrival time for every piece read."
+        )
+    decoder, order = StreamDecoder(layout), _order(layout)
+    packets = decoder.feed(data)
+    host_s = np.asarray(arrival_s, dtype=float)[np.searchsorted(stops, packets.end)]
+    ordered = _feed_order(order, layout, packets.rows, host_s)
+    rows, host_s = packets.rows[ordered.rows], host_s[ordered.rows]
+    fits = _fit_segments(layout, order.time_source, ordered, host_s)
+    mapping = HostTime(lambda segment, _device, _host: fits[segment])
+    t = mapping.times(ordered, host_s)
+    block = _block(rows, t, host_s, ordered, order.time_source)
+    return AssembledPackets(block, _stats(decoder, order), order.time_source, tuple(fits.values()))
+
+
+def _fit_segments(
+    layout: PacketLayout, source: TimeSource, ordered: Ordered, host_s: FloatArray
+) -> dict[int, ClockFit]:
+    """Fit every segment; those too short for a skew of their own take that of the longest."""
+    numbers, starts = np.unique(ordered.segment, return_index=True)
+    edges = pairwise([*starts.tolist(), len(host_s)])
+    parts = {n: slice(a, b) for n, (a, b) in zip(numbers.tolist(), edges, strict=True)}
+    options = _fit_options(layout, source)
+    fits: dict[int, ClockFit] = {}
+    skew = 0.0
+    for segment in sorted(parts, key=lambda n: parts[n].start - parts[n].stop):
+        part = parts[segment]
+        fits[segment] = fit_clock(
+            ordered.device_s[part], host_s[part], default_skew=skew, **options
+        )
+        if len(fits) == 1:
+            skew = fits[segment].skew
+    return {n: fits[n] for n in parts}
+
+
+def _fit_options(layout: PacketLayout, source: TimeSource) -> dict[str, float]:
+    if source == "device clock":
+        return {"max_skew": MAX_SKEW, "min_span_s": MIN_SPAN_S}
+    if layout.rate_hz is not None:
+        return {"max_skew": COUNTED_SKEW, "min_span_s": COUNTED_SPAN_S}
+    return {"max_skew": UNRATED_SKEW, "min_span_s": UNRATED_SPAN_S}
+
+
+def _order(layout: PacketLayout) -> SampleOrder:
+    def modulus(name: str | None) -> int | None:
+        return None if name is None else 1 << layout.field(name).bits
+
+    return SampleOrder(
+        clock_modulus=modulus(layout.clock),
+        tick_s=layout.clock_tick_s,
+        counter_modulus=modulus(layout.counter),
+        period_s=None if layout.rate_hz is None else 1.0 / layout.rate_hz,
+    )
+
+
+def _feed_order(
+    order: SampleOrder, layout: PacketLayout, rows: StructArray, host_s: FloatArray
+) -> Ordered:
+    return order.feed(
+        None if layout.clock is None else counts(layout, rows, layout.clock),
+        None if layout.counter is None else counts(layout, rows, layout.counter),
+        host_s,
+    )
+
+
+def _stats(decoder: StreamDecoder, order: SampleOrder) -> StreamStats:
+    decoded, ordered = decoder.stats, order.stats
+    return StreamStats(
+        good=decoded.good,
+        corrupt=decoded.corrupt,
+        skipped_bytes=decoded.skipped_bytes,
+        lost=ordered.lost,
+        duplicates=ordered.duplicates,
+        reordered=ordered.reordered,
+        strays=ordered.strays,
+        restarts=ordered.restarts,
+    )
+
+
+def _block(
+    rows: StructArray, t: FloatArray, host_s: FloatArray, ordered: Ordered, source: TimeSource
+) -> PacketBlock:
+    return PacketBlock(
+        rows=rows,
+        t=t,
+        host_s=host_s,
+        device_s=ordered.device_s if source == "device clock" else None,
+        counter=ordered.counter,
+    )

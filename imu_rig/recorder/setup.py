@@ -1,0 +1,179 @@
+"""What is to be recorded: devices, jig and trial, from a small TOML file or from options."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, PacketLayout, load_layout
+from imu_rig.devices.ports import DEFAULT_BAUD
+from imu_rig.errors import InputError
+from imu_rig.files import parse_toml, read_small
+from imu_rig.validation import ONE_LINE, sentence
+
+MAX_SETUP_BYTES = 1 << 16
+MAX_DEVICES = 64
+JIG_SOURCE = "jig"
+
+_PRINTABLE = re.compile(r"[^\x00-\x1f\x7f]+")
+
+Text = Annotated[str, Field(max_length=200), ONE_LINE]
+Name = Annotated[str, Field(min_length=1, max_length=60), ONE_LINE]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DeviceSetup(_Model):
+    """One device to record.
+
+    Attributes
+    ----------
+    name : str
+        What people call it: "left shoe". Unique in the trial.
+    port : str
+        A path, ``COM5``, ``socket://host:port``, or ``usb:SERIAL`` / ``usb:VID:PID:SERIAL``.
+    layout : str
+        Name of a built-in packet layout, or a file.
+    baud : int
+    required : bool
+        Whether the trial is worth nothing without it.
+    certificate : Path or None
+        Of its calibration; kept in the trial beside the raw bytes.
+    """
+
+    name: Name
+    port: Annotated[str, Field(min_length=1, max_length=400)]
+    layout: str = DEFAULT_LAYOUT_NAME
+    baud: Annotated[int, Field(ge=50, le=20_000_000)] = DEFAULT_BAUD
+    required: bool = True
+    certificate: Path | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _not_the_jig(cls, name: str) -> str:
+        if name == JIG_SOURCE:
+            raise ValueError(f"the name {JIG_SOURCE!r} is kept for the jig; choose another")
+        return name
+
+    @field_validator("port")
+    @classmethod
+    def _printable(cls, port: str) -> str:
+        if not _PRINTABLE.fullmatch(port):
+            raise ValueError("a port has no control characters in its name")
+        return port
+
+    def packet_layout(self) -> PacketLayout:
+        """Load the packet layout.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name, or the file cannot be used.
+        """
+        try:
+            return load_layout(self.layout)
+        except LayoutError as error:
+            raise InputError(f"Device {self.name!r}: {error}") from error
+
+
+class JigSetup(_Model):
+    """A jig whose servo controller is recorded and which is parked at the end.
+
+    Attributes
+    ----------
+    maestro : str
+        Command port of the controller.
+    file : str
+        Jig description.
+    device : int or None
+        Pololu device number, where controllers share a line.
+    crc : bool
+    """
+
+    maestro: Annotated[str, Field(min_length=1, max_length=400)]
+    file: str = "paper-jig"
+    device: int | None = None
+    crc: bool = False
+
+
+class TrialSetup(_Model):
+    """Everything a recording needs to know before it opens a port.
+
+    Attributes
+    ----------
+    subject, session, trial, note : str
+        Who, when and what, in the lab's own words; kept in the file.
+    duration_s : float or None
+        Planned duration; None goes on until stopped.
+    devices : tuple of DeviceSetup
+    jig : JigSetup or None
+    """
+
+    subject: Text = ""
+    session: Text = ""
+    trial: Text = ""
+    note: Annotated[str, Field(max_length=2000), ONE_LINE] = ""
+    duration_s: Annotated[float, Field(gt=0, le=30 * 86_400, allow_inf_nan=False)] | None = None
+    devices: Annotated[tuple[DeviceSetup, ...], Field(max_length=MAX_DEVICES)] = ()
+    jig: JigSetup | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TrialSetup:
+        names = [device.name for device in self.devices]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two devices have the name {name!r}; rename one of them")
+        ports = [device.port for device in self.devices]
+        if self.jig is not None:
+            ports.append(self.jig.maestro)
+        for port in ports:
+            if ports.count(port) > 1:
+                raise ValueError(f"the port {port} is there twice; one port is one device")
+        return self
+
+    @classmethod
+    def of(cls, values: dict[str, Any], source: str) -> TrialSetup:
+        """Check plain data.
+
+        Raises
+        ------
+        InputError
+            One sentence that begins with ``source`` and names the field.
+        """
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            raise InputError(f"{source}: {sentence(error, 'a recording setup')}.") from error
+
+
+def load_setup(path: Path) -> TrialSetup:
+    """Read a setup file; layouts, certificates and jig files are looked for beside it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or used.
+    """
+    values = parse_toml(read_small(path, MAX_SETUP_BYTES, what="a recording setup"), str(path))
+    setup = TrialSetup.of(values, str(path))
+    folder = path.parent
+
+    def beside(name: str) -> str:
+        return str(folder / name) if name.endswith(".toml") and "://" not in name else name
+
+    devices = tuple(
+        device.model_copy(
+            update={
+                "layout": beside(device.layout),
+                "certificate": device.certificate and folder / device.certificate,
+            }
+        )
+        for device in setup.devices
+    )
+    jig = setup.jig and setup.jig.model_copy(update={"file": beside(setup.jig.file)})
+    return setup.model_copy(update={"devices": devices, "jig": jig})
