@@ -9,7 +9,7 @@ import pytest
 from firmware_protocols.layout import load_layout
 from imu_rig.blocks import ImuBlock
 from imu_rig.clock import ScaledClock, SystemClock
-from imu_rig.devices import imu as imu_module
+from imu_rig.devices import stream_device
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.errors import DeviceLost, PortError
 from imu_rig.imu_stream import ImuStream, assemble_all
@@ -236,7 +236,7 @@ def test_a_port_that_is_not_there_is_a_port_error(tmp_path):
 
 
 def test_what_nobody_polls_is_bounded_and_counted(monkeypatch):
-    monkeypatch.setattr(imu_module, "MAX_UNREAD_BYTES", 3000)
+    monkeypatch.setattr(stream_device, "MAX_UNREAD_BYTES", 3000)
     received = []
     with running(tap=lambda t, data: received.append(len(data))) as (_, imu, _):
         wait_until(lambda: sum(received) > 12_000)
