@@ -5,7 +5,8 @@
     ImuRigError            exit code 1
     ├── InputError         2   a file, option or value that cannot be used
     │   └── DataError      2   data that cannot determine what was asked of them
-    ├── PortError          3   a port that cannot be opened: missing, forbidden, busy
+    ├── PortError          3   a port that cannot be opened: forbidden, busy
+    │   └── PortMissing    3   ... because it is not there, or its device does not answer
     ├── DeviceError        4   a device that answers wrongly
     │   ├── DeviceLost     4   a device that went silent or was unplugged
     │   └── LimitError     4   a command that would leave the limits of the jig file
@@ -14,13 +15,14 @@
         ├── AnotherSensor  6   ... because another sensor was to go on with it
         └── SessionInterrupted  130   ... because its user said so (Ctrl-C, SIGTERM, SIGHUP)
 
-Exit code 7 is no error: `imu-rig verify` found a sensor that is not what its certificate says, or
-could not tell.
+Two exit codes are no errors. 7: `imu-rig verify` found a sensor that is not what its certificate
+says, or could not tell. 8: `imu-rig record` kept all it was sent, and that is not all there was.
 """
 
 from typing import ClassVar
 
 NOT_VERIFIED_EXIT = 7
+INCOMPLETE_EXIT = 8
 
 
 class ImuRigError(Exception):
@@ -52,6 +54,10 @@ class PortError(ImuRigError):
     """
 
     exit_code = 3
+
+
+class PortMissing(PortError):  # noqa: N818  (as its sibling of devices)
+    """A port that is not there now and may come: the device is not plugged in or switched off."""
 
 
 class DeviceError(ImuRigError):

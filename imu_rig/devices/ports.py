@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 import serial
 from serial.tools import list_ports
 
-from imu_rig.errors import DeviceLost, PortError, reason_of
+from imu_rig.errors import DeviceLost, PortError, PortMissing, reason_of
 
 try:
     import grp
@@ -46,6 +46,7 @@ WRITE_S = 0.5  # until a device that takes no bytes is called lost
 CONNECT_S = 3.0  # for a network port to answer
 
 MAESTRO_VENDOR = 0x1FFB
+USB = "usb:"
 
 # SerialException is an OSError
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, *_TERMIOS_ERRORS)
@@ -91,6 +92,66 @@ def seen_ports() -> list[SeenPort]:
         description = "" if port.description in (None, "n/a") else str(port.description)
         found.append(SeenPort(port.device, description, port.vid, port.pid, port.serial_number))
     return sorted(found, key=lambda seen: seen.url)
+
+
+def find_usb(address: str) -> str:
+    """Return the port at which a USB device is plugged in now.
+
+    Parameters
+    ----------
+    address : str
+        "usb:SERIAL", "usb:VID:PID" or "usb:VID:PID:SERIAL", vendor and product in hexadecimal.
+
+    Raises
+    ------
+    PortMissing
+        If no port belongs to such a device now.
+    PortError
+        If several do, or the address is none.
+    """
+    parts = address.removeprefix(USB).split(":", 2)
+    try:
+        vendor, product = (int(p, 16) for p in parts[:2]) if len(parts) > 1 else (None, None)
+    except ValueError:
+        raise PortError(
+            f"{address} is no USB address: write usb:SERIAL, usb:VID:PID or usb:VID:PID:SERIAL."
+        ) from None
+    wanted = parts[0] if len(parts) == 1 else parts[2] if len(parts) == 3 else None
+    found = [
+        port
+        for port in seen_ports()
+        if (vendor is None or (port.vendor, port.product) == (vendor, product))
+        and (wanted is None or _same_serial(port.serial_number, wanted))
+        and port.vendor is not None
+    ]
+    if not found:
+        raise PortMissing(
+            f"No device {address} is plugged in: plug it in and switch it on; {_ports_sentence()}"
+        )
+    if len(found) > 1:
+        names = ", ".join(port.url for port in found)
+        raise PortError(f"{address} is more than one port ({names}): name the one you mean.")
+    return found[0].url
+
+
+def usb_address(url: str) -> str | None:
+    """Return by what address the device at a port can be found again; None where there is none.
+
+    A device file changes with the order of plugging in, a serial number does not.
+    """
+    ports = seen_ports()
+    here = next((port for port in ports if port.url == url and port.serial_number), None)
+    if here is None or here.vendor is None or here.product is None:
+        return None
+    same = [p for p in ports if (p.vendor, p.serial_number) == (here.vendor, here.serial_number)]
+    if len(same) > 1:  # one device with several ports, as a Maestro
+        return None
+    return f"{USB}{here.vendor:04X}:{here.product:04X}:{here.serial_number}"
+
+
+def _same_serial(seen: str | None, wanted: str) -> bool:
+    # Windows appends the letter of the channel to FTDI's serial numbers
+    return seen is not None and seen in (wanted, f"{wanted}A")
 
 
 class Port(ABC):
@@ -167,8 +228,9 @@ def open_port(url: str, *, baud: int = DEFAULT_BAUD) -> Port:
     Parameters
     ----------
     url : str
-        A device ("/dev/ttyACM0", "COM7"), "socket://host:port", or any other URL that pyserial
-        knows ("rfc2217://", "spy://", "loop://").
+        A device ("/dev/ttyACM0", "COM7"), a USB device wherever it is plugged in ("usb:SERIAL",
+        "usb:VID:PID" or "usb:VID:PID:SERIAL"), "socket://host:port", or any other URL that
+        pyserial knows ("rfc2217://", "spy://", "loop://").
     baud : int
         Bits per second; without meaning for USB, Bluetooth and network ports.
 
@@ -179,13 +241,14 @@ def open_port(url: str, *, baud: int = DEFAULT_BAUD) -> Port:
     """
     if urlsplit(url).scheme == "socket":
         return _SocketPort(url)
-    _check_device_file(url)
+    device = find_usb(url) if url.startswith(USB) else url
+    _check_device_file(device)
     try:
         opened = serial.serial_for_url(
-            url, baudrate=baud, timeout=0, write_timeout=WRITE_S, exclusive=True
+            device, baudrate=baud, timeout=0, write_timeout=WRITE_S, exclusive=True
         )
     except _FAILURES as error:
-        raise PortError(_why_not_opened(url, baud, error)) from error
+        raise _not_opened(url, baud, error) from error
     return _SerialPort(url, opened)
 
 
@@ -237,12 +300,12 @@ class _SocketPort(Port):
         try:
             self._socket = socket.create_connection((host, number), timeout=CONNECT_S)
         except ConnectionRefusedError as error:
-            raise PortError(
+            raise PortMissing(
                 f"{url} refused the connection: nothing listens there; start the device or the "
                 "simulator and check host and port."
             ) from error
         except OSError as error:
-            raise PortError(
+            raise PortMissing(
                 f"{url} cannot be reached ({reason_of(error)}): check host, port and network."
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -281,26 +344,30 @@ def _check_device_file(url: str) -> None:
         raise PortError(f"{url} is {kind}, no serial port; {_ports_sentence()}")
 
 
-def _why_not_opened(url: str, baud: int, error: Exception) -> str:
+def _not_opened(url: str, baud: int, error: Exception) -> PortError:
     """Say in one sentence why a port did not open and what to do."""
     number = _errno(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or isinstance(error, FileNotFoundError):
-        return f"There is no port {url}: plug the device in and switch it on; {_ports_sentence()}"
-    if number in (errno.EACCES, errno.EPERM) or isinstance(error, PermissionError):
-        return _permission_sentence(url)
-    if number in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
-        return (
-            f"{url} is open in another program: close it there (a serial monitor, another "
-            "imu-rig, ModemManager) and try again."
+        return PortMissing(
+            f"There is no port {url}: plug the device in and switch it on; {_ports_sentence()}"
         )
     if number in (errno.EHOSTDOWN, errno.ECONNREFUSED, errno.ETIMEDOUT, errno.EHOSTUNREACH):
-        return (
+        return PortMissing(
             f"The Bluetooth device behind {url} does not answer: switch it on, bring it near and "
             "see that it is paired and not connected elsewhere."
         )
+    if number in (errno.EACCES, errno.EPERM) or isinstance(error, PermissionError):
+        return PortError(_permission_sentence(url))
+    if number in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
+        return PortError(
+            f"{url} is open in another program: close it there (a serial monitor, another "
+            "imu-rig, ModemManager) and try again."
+        )
     if number in (errno.ENOTTY, errno.EINVAL):
-        return f"{url} is no serial port or does not know {baud} baud; {_ports_sentence()}"
-    return f"{url} cannot be opened ({reason_of(error)}); {_ports_sentence()}"
+        return PortError(
+            f"{url} is no serial port or does not know {baud} baud; {_ports_sentence()}"
+        )
+    return PortError(f"{url} cannot be opened ({reason_of(error)}); {_ports_sentence()}")
 
 
 def _errno(error: Exception) -> int | None:
