@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from imu_rig.errors import StorageError
-from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, encode_record
+from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, Kind, encode_record
+from imu_rig.recording.latency import Latency, LatencyCounts
 from imu_rig.recording.storage import DISK_FULL, FileSystem, OsFileSystem
 
 Entry = tuple[int, int, int, bytes]  # kind, source, trial time [ns], payload
@@ -53,7 +54,7 @@ class RecordingOptions:
     reserve_bytes: int = 100_000_000
     planned_bytes: int = 0
     sync_s: float = 1.0
-    note_s: float = 5.0
+    note_s: float = 1.0
     close_s: float = 10.0
     wall_ns: Callable[[], int] = time.time_ns
     file_system: FileSystem = field(default_factory=OsFileSystem)
@@ -92,6 +93,7 @@ class RecordLog:
         offset: int,
         sequence: int,
         options: RecordingOptions,
+        now_ns: Callable[[], int],
         on_error: Callable[[StorageError], None] | None = None,
     ) -> None:
         self.sequence = sequence
@@ -104,6 +106,7 @@ class RecordLog:
         self._seed = seed
         self._file_system = options.file_system
         self._options = options
+        self._now_ns = now_ns
         self._on_error = on_error
         self._queue: queue.SimpleQueue[Entry | threading.Event | None] = queue.SimpleQueue()
         self._refused = 0  # counted by whoever calls put
@@ -112,6 +115,8 @@ class RecordLog:
         self._taken_bytes = 0
         self._peak_bytes = 0
         self._slowest_write_ns = 0
+        self._latency = LatencyCounts()
+        self._latest_latency = LatencyCounts()
         self._error: StorageError | None = None
         self._end_reason: str | None = None
         self._torn = False
@@ -144,10 +149,22 @@ class RecordLog:
         """Bytes handed in and not yet acknowledged or given up."""
         return self._put_bytes - self._taken_bytes
 
-    def take_peaks(self) -> tuple[int, float]:
-        """Return the highest fill [bytes] and slowest write [s] since the last call."""
-        peaks = max(self._peak_bytes, self.queued_bytes), self._slowest_write_ns / 1e9
+    def latency(self) -> Latency:
+        """Return how long the bytes of all sources took from their arrival to the file."""
+        return self._latency.summary()
+
+    def take_peaks(self) -> tuple[int, float, Latency]:
+        """Return highest fill [bytes], slowest write [s] and latency since the last call.
+
+        For the writing thread only.
+        """
+        peaks = (
+            max(self._peak_bytes, self.queued_bytes),
+            self._slowest_write_ns / 1e9,
+            self._latest_latency.summary(),
+        )
         self._peak_bytes = self._slowest_write_ns = 0
+        self._latest_latency = LatencyCounts()
         return peaks
 
     def write_first(self, start: bytes, entries: list[Entry]) -> None:
@@ -307,6 +324,10 @@ class RecordLog:
             for kind, source, _, payload in entries:
                 records, size = self.counts.get((kind, source), (0, 0))
                 self.counts[kind, source] = records + 1, size + len(payload)
+            now_ns = self._now_ns()
+            latencies = [now_ns - entry[2] for entry in entries if entry[0] == Kind.BYTES_IN]
+            self._latency.add(latencies)
+            self._latest_latency.add(latencies)
         return problem
 
     def _append(self, block: bytes) -> OSError | None:

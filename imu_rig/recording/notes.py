@@ -1,6 +1,7 @@
 """The records that a recorder writes about itself: clocks, statistics, end, resumption."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
@@ -26,7 +27,7 @@ def source_description(source: Source, time_ns: int = 0) -> Entry:
 
 def statistics(log: RecordLog, options: RecordingOptions, time_ns: int) -> Entry:
     """Return the record that tells how the recorder is doing."""
-    peak_bytes, slowest_write_s = log.take_peaks()
+    peak_bytes, slowest_write_s, latency = log.take_peaks()
     try:
         free_bytes: int | None = options.file_system.free_bytes(log.path.parent)
     except OSError:
@@ -36,9 +37,16 @@ def statistics(log: RecordLog, options: RecordingOptions, time_ns: int) -> Entry
         "synced_bytes": log.synced_offset,
         "queue_peak_bytes": peak_bytes,
         "slowest_write_s": slowest_write_s,
+        "latency_p99_s": latency.p99_s if latency.records else None,
+        "latency_max_s": latency.max_s if latency.records else None,
         "disk_free_bytes": free_bytes,
     }
     return Kind.STATISTICS, TRIAL, time_ns, encode_json(value, "The statistics")
+
+
+def device_statistics(source: int, values: Mapping[str, Any], time_ns: int) -> Entry:
+    """Return the record that tells how a device is doing."""
+    return Kind.STATISTICS, source, time_ns, encode_json(dict(values), "The device's statistics")
 
 
 def end(log: RecordLog, sources: Collection[Source], reason: str, time_ns: int) -> Entry:

@@ -24,9 +24,11 @@ from imu_rig.recording.format import (
     decode_json,
     encode_json,
 )
+from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import Entry, RecordingOptions, RecordLog
 from imu_rig.recording.notes import (
     clock_pair,
+    device_statistics,
     end,
     resumed,
     source_description,
@@ -114,13 +116,21 @@ class TrialWriter:
         require_space(path, options.needed_bytes, options.file_system)
         header = FileHeader(token_bytes(8), options.wall_ns())
         descriptor = create_for_append(path)
+        origin_ns = clock.now_ns()
         log = RecordLog(
-            descriptor, path, header.seed, offset=0, sequence=0, options=options, on_error=on_error
+            descriptor,
+            path,
+            header.seed,
+            offset=0,
+            sequence=0,
+            options=options,
+            now_ns=lambda: clock.now_ns() - origin_ns,
+            on_error=on_error,
         )
         writer = cls(
             log,
             clock=clock,
-            origin_ns=clock.now_ns(),
+            origin_ns=origin_ns,
             options=options,
             config=payload,
             sources={},
@@ -176,6 +186,8 @@ class TrialWriter:
                     f"{path} holds no configuration to continue with; start a new trial."
                 )
             require_space(path, options.needed_bytes, options.file_system)
+            now_ns = time_after(trial, options.wall_ns())
+            origin_ns = clock.now_ns() - now_ns
             log = RecordLog(
                 descriptor,
                 path,
@@ -183,13 +195,13 @@ class TrialWriter:
                 offset=int(trial.records.end.max()),
                 sequence=int(trial.records.sequence[-1]) + 1,
                 options=options,
+                now_ns=lambda: clock.now_ns() - origin_ns,
                 on_error=on_error,
             )
-            now_ns = time_after(trial, options.wall_ns())
             writer = cls(
                 log,
                 clock=clock,
-                origin_ns=clock.now_ns() - now_ns,
+                origin_ns=origin_ns,
                 options=options,
                 config=encode_json(trial.config, "The configuration"),
                 sources=trial.sources,
@@ -235,6 +247,10 @@ class TrialWriter:
     def unwritten_records(self) -> int:
         """Records handed in that will never be written."""
         return self._log.unwritten
+
+    def latency(self) -> Latency:
+        """Return how long what arrived took from its host stamp to its acknowledgement."""
+        return self._log.latency()
 
     def t_s(self, t_ns: int) -> float:
         """Return the trial time [s] of a stamp of the host clock [ns]."""
@@ -327,8 +343,28 @@ class TrialWriter:
         with self._lock:
             self._put(Kind.EVENT, TRIAL, self._now_ns(), payload)
 
+    def device_statistics(self, source: int, values: Mapping[str, Any]) -> None:
+        """Record how a device is doing now.
+
+        Parameters
+        ----------
+        source : int
+            Its number.
+        values : mapping
+            Counts and states, plain JSON values.
+
+        Raises
+        ------
+        InputError
+            If a value is not JSON.
+        """
+        with self._lock:
+            self._put(*device_statistics(source, values, self._now_ns()))
+
     def gap(self, source: int, t_ns: int, reason: str, **fields: Any) -> None:
         """Record that data of a source are missing from a moment on.
+
+        Recorded again with the same source and time, a gap is told more of: the last counts.
 
         Parameters
         ----------
