@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -71,3 +71,47 @@ class ImuBlock:
             parts = [getattr(b, f.name) for b in full]
             columns[f.name] = None if any(p is None for p in parts) else np.concatenate(parts)
         return ImuBlock(**columns)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """``n`` consecutive samples of any device that sends packets, in the units of its layout.
+
+    Attributes
+    ----------
+    t : shape (n,)
+        Time of each sample [s], strictly increasing, as of `ImuBlock`.
+    host_s : shape (n,)
+        Arrival of the bytes that completed the sample [s]. Bursty and late.
+    device_s : shape (n,) or None
+        Unwrapped device clock [s], as the device counted it; None where it sends none.
+    counter : shape (n,) or None
+        Unwrapped packet counter; a difference above 1 is a loss. None where there is none.
+    values : dict
+        Field name to its numbers, shape (n,) or (n, k). Pads, counter and clock are left out.
+    units : dict
+        Field name to its unit: "m/s2" for accel, "rad/s" for gyro, "uT" for mag and "degC" for
+        temperature, else what the layout says; "" for counts.
+    """
+
+    t: FloatArray
+    host_s: FloatArray
+    device_s: FloatArray | None = None
+    counter: IntArray | None = None
+    values: dict[str, FloatArray] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t)
+
+    def __getitem__(self, rows: slice | AnyArray) -> Samples:
+        """Return the samples that ``rows`` (a slice, mask or index array) selects."""
+        return Samples(
+            self.t[rows],
+            self.host_s[rows],
+            None if self.device_s is None else self.device_s[rows],
+            None if self.counter is None else self.counter[rows],
+            {name: numbers[rows] for name, numbers in self.values.items()},
+            dict(self.units),
+        )

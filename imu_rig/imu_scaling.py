@@ -16,6 +16,7 @@ _UNITS = {
     "mag": FIELD_UNITS,
     "temperature": TEMPERATURE_UNITS,
 }
+_SI_UNITS = {"accel": "m/s2", "gyro": "rad/s", "mag": "uT", "temperature": "degC"}
 
 
 def si_factors(layout: PacketLayout) -> dict[str, float]:
@@ -73,6 +74,26 @@ def si_values(
     for name, factor in factors.items():
         columns[name] = values(layout, rows, name) * factor
     return columns
+
+
+def field_values(
+    layout: PacketLayout, rows: StructArray
+) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """Return every field of packets but pads, counter and clock, and the unit of each.
+
+    Inertial measurements come in SI units, as of `si_values`; a field of any other name, or in a
+    unit that is not known for it, in the layout's own.
+    """
+    columns, units = {}, {}
+    for field in layout.fields:
+        if field.type == "pad" or field.name in (layout.counter, layout.clock):
+            continue
+        numbers, unit = values(layout, rows, field.name), field.unit
+        factor = _UNITS.get(field.name, {}).get(unit)
+        if factor is not None:
+            numbers, unit = numbers * factor, _SI_UNITS[field.name]
+        columns[field.name], units[field.name] = numbers, unit
+    return columns, units
 
 
 def watched_fields(layout: PacketLayout) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Packets of an inertial sensor as blocks of samples in SI units, live or recorded."""
+"""Packets of a sensor as blocks of samples in SI units, live or recorded."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ from dataclasses import dataclass
 
 from firmware_protocols.layout import PacketLayout
 from imu_rig.arrays import FloatArray, IntArray
-from imu_rig.blocks import ImuBlock
-from imu_rig.imu_scaling import si_factors, si_values, watched_fields
-from imu_rig.packet_stream import PacketBlock, PacketStream, StreamStats, assemble_packets
+from imu_rig.blocks import ImuBlock, Samples
+from imu_rig.imu_scaling import field_values, si_factors, si_values, watched_fields
+from imu_rig.packet_stream import (
+    AssembledPackets,
+    PacketBlock,
+    PacketStream,
+    StreamStats,
+    assemble_packets,
+)
 from imu_rig.timing.clock_fit import ClockFit
 from imu_rig.timing.sample_order import TimeSource
 
@@ -116,6 +122,14 @@ def imu_block(layout: PacketLayout, packets: PacketBlock) -> ImuBlock:
     return _imu_block(layout, si_factors(layout), packets)
 
 
+def samples_of(layout: PacketLayout, packets: PacketBlock) -> Samples:
+    """Return packets of any device as samples, with all that the layout names in them."""
+    columns, units = field_values(layout, packets.rows)
+    return Samples(
+        packets.t, packets.host_s, packets.device_s, packets.counter, values=columns, units=units
+    )
+
+
 def assemble(layout: PacketLayout, data: bytes, stops: IntArray, arrival_s: FloatArray) -> ImuBlock:
     """Decode a whole recording of one sensor; see `assemble_all` for its statistics as well."""
     return assemble_all(layout, data, stops, arrival_s).block
@@ -132,9 +146,12 @@ def assemble_all(
         If the layout holds neither accelerometer nor gyroscope, or the pieces do not cover the
         data.
     """
-    factors = si_factors(layout)
-    packets = assemble_packets(layout, data, stops, arrival_s)
-    block = _imu_block(layout, factors, packets.block)
+    return imu_assembled(layout, assemble_packets(layout, data, stops, arrival_s))
+
+
+def imu_assembled(layout: PacketLayout, packets: AssembledPackets) -> Assembled:
+    """Return a decoded recording as that of an inertial sensor; raises as `imu_block`."""
+    block = imu_block(layout, packets.block)
     return Assembled(block, packets.stats, packets.time_source, packets.fits)
 
 

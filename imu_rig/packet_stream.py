@@ -126,12 +126,15 @@ class AssembledPackets:
         What the packets' times rest on: "device clock", "packet counter" or "arrival".
     fits : tuple of ClockFit
         One for each stretch between restarts.
+    segment : shape (n,)
+        Number of the stretch that each packet belongs to, not decreasing.
     """
 
     block: PacketBlock
     stats: StreamStats
     time_source: TimeSource
     fits: tuple[ClockFit, ...]
+    segment: IntArray
 
 
 class PacketStream:
@@ -273,7 +276,9 @@ def assemble_packets(
     mapping = HostTime(lambda segment, _device, _host: fits[segment])
     t = mapping.times(ordered, host_s)
     block = _block(rows, t, host_s, ordered, order.time_source)
-    return AssembledPackets(block, _stats(decoder, order), order.time_source, tuple(fits.values()))
+    return AssembledPackets(
+        block, _stats(decoder, order), order.time_source, tuple(fits.values()), ordered.segment
+    )
 
 
 def _fit_segments(

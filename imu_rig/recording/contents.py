@@ -67,6 +67,45 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Marker:
+    """A moment that a person marked.
+
+    Attributes
+    ----------
+    t : float
+        Trial time [s].
+    label : str
+        What they called it; may be empty.
+    """
+
+    t: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Samples that a sensor made, or should have made, and that are not in the trial.
+
+    Attributes
+    ----------
+    start_s, stop_s : float
+        Trial time of the last sample before and the first one after; the trial's begin and end
+        where there is none [s].
+    samples : int or None
+        How many, by the device's counter or clock; None where nothing tells.
+    reason : str
+        ``"unplugged"``, ``"silent"``, ``"queue full"`` and so on as the recorder stated it,
+        ``"lost on the way"`` where only the device's numbers tell, ``"restarted"``,
+        ``"lost in the file"``, ``"recording interrupted"``.
+    """
+
+    start_s: float
+    stop_s: float
+    samples: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class ClockPairs:
     """The trial's time next to two other clocks, one row every few seconds.
 

@@ -12,19 +12,22 @@ import numpy as np
 
 from firmware_protocols.layout import LayoutError, PacketLayout
 from imu_rig.arrays import BoolArray, IntArray
-from imu_rig.blocks import ImuBlock
+from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import DataError, InputError
-from imu_rig.imu_stream import Assembled, assemble_all
-from imu_rig.recording.contents import ClockPairs, Event, Gap, Source, Wire
+from imu_rig.imu_stream import Assembled, imu_assembled, samples_of
+from imu_rig.packet_stream import AssembledPackets, assemble_packets
+from imu_rig.recording.contents import ClockPairs, Event, Gap, Marker, Missing, Source, Wire
 from imu_rig.recording.format import (
     CLOCK_PAIR,
     HEADER_SIZE,
+    TRIAL,
     FileHeader,
     Kind,
     decode_file_header,
     decode_json,
 )
+from imu_rig.recording.missing import Cause, missing_samples
 from imu_rig.recording.scan import Damage, Records, scan_records
 
 Direction = Literal["in", "out"]
@@ -32,6 +35,7 @@ Direction = Literal["in", "out"]
 _WIRE_KIND = {"in": Kind.BYTES_IN, "out": Kind.BYTES_OUT}
 _SPAN_BYTES = 4 << 20  # read from the file at a time
 RESUMED = "resumed"
+MARKER = "marker"
 
 
 def open_trial(path: Path | str) -> Trial:
@@ -71,6 +75,7 @@ class Trial:
     def __init__(self, path: Path, header: FileHeader) -> None:
         self.path = path
         self.header = header
+        self._decoded: tuple[str, PacketLayout, AssembledPackets] | None = None
 
     @property
     def records(self) -> Records:
@@ -126,18 +131,42 @@ class Trial:
             and isinstance(fields := value.get("fields", {}), dict)
         ]
 
-    @cached_property
-    def gaps(self) -> list[Gap]:
-        """Data that the recorder knew were missing."""
-        return [
-            Gap(self._t(row), int(self.records.source[row]), value)
-            for row, value in self._objects(Kind.GAP)
-        ]
+    @property
+    def markers(self) -> list[Marker]:
+        """The moments that a person marked."""
+        marks = [event for event in self.events if event.name == MARKER]
+        return [Marker(event.t, str(event.fields.get("label", ""))) for event in marks]
 
-    @cached_property
+    @property
+    def gaps(self) -> list[Gap]:
+        """Data that the recorder knew were missing, each gap once and as last stated."""
+        return [gap for _, gap in self._gaps]
+
+    @property
     def statistics(self) -> list[tuple[float, dict[str, Any]]]:
         """How the recorder was doing, as trial time [s] and counts."""
-        return [(self._t(row), value) for row, value in self._objects(Kind.STATISTICS)]
+        return self._statistics(TRIAL)
+
+    def device_statistics(self, name: str) -> list[tuple[float, dict[str, Any]]]:
+        """How a device was doing, as trial time [s] and counts since the start.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source.
+        """
+        return self._statistics(self.source(name).id)
+
+    @property
+    def start_utc_ns(self) -> int:
+        """Wall clock at trial time 0, by the first clock pair [ns since 1970 UTC].
+
+        A wall clock that was set during the trial changes nothing here; see ``clock_pairs``.
+        """
+        pairs = self.clock_pairs
+        if not len(pairs.t):
+            return self.created_wall_ns
+        return int(pairs.wall_ns[0]) - round(float(pairs.t[0]) * NS_PER_S)
 
     @cached_property
     def clock_pairs(self) -> ClockPairs:
@@ -161,6 +190,11 @@ class Trial:
         """Hexadecimal SHA-256 of the file."""
         with self.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of the sources that send packets of a known layout."""
+        return [n for n, s in self.sources.items() if isinstance(s.descriptor.get("layout"), dict)]
 
     def source(self, name: str) -> Source:
         """Return a source by name.
@@ -222,27 +256,103 @@ class Trial:
 
     def imu_assembled(self, name: str) -> Assembled:
         """Return the samples of a sensor with the statistics of their stream, as :meth:`imu`."""
+        layout, packets = self._packets(name)
+        return imu_assembled(layout, packets)
+
+    def samples(self, name: str) -> Samples:
+        """Return all that a sensor of any kind sent; times are trial time.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source, or one without a readable packet layout.
+        """
+        layout, packets = self._packets(name)
+        return samples_of(layout, packets.block)
+
+    def missing(self, name: str) -> list[Missing]:
+        """Return what is missing from the samples of a sensor, in order of time.
+
+        Nothing is ever filled in: between two rows of :meth:`samples` lies either one period of
+        the device or an entry of this list.
+
+        Raises
+        ------
+        InputError
+            As :meth:`samples`.
+        """
+        _, packets = self._packets(name)
+        return missing_samples(packets, self._causes(name), self.duration_s)
+
+    def _packets(self, name: str) -> tuple[PacketLayout, AssembledPackets]:
+        """Decode a source; the last one asked for is kept, for its samples are asked in turns."""
+        if self._decoded is None or self._decoded[0] != name:
+            layout = self._layout(name)
+            wire = self.wire(name)
+            # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
+            arrival_s = np.maximum.accumulate(wire.t)
+            packets = assemble_packets(layout, wire.data, wire.stops, arrival_s)
+            self._decoded = name, layout, packets
+        return self._decoded[1:]
+
+    def _layout(self, name: str) -> PacketLayout:
         layout = self.source(name).descriptor.get("layout")
         if not isinstance(layout, dict):
             raise InputError(f"The source {name!r} of {self.path} is no sensor: it has no layout.")
         try:
-            packet_layout = PacketLayout.from_dict(layout)
+            return PacketLayout.from_dict(layout)
         except LayoutError as error:
             raise InputError(f"The source {name!r} of {self.path}: {error}") from error
-        wire = self.wire(name)
-        # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
-        arrival_s = np.maximum.accumulate(wire.t)
-        return assemble_all(packet_layout, wire.data, wire.stops, arrival_s)
 
     def _breaks(self, rows: IntArray, number: int) -> BoolArray:
         lost_before = self.records.sequence[rows].astype(np.int64) - rows
         breaks = np.zeros(len(rows), bool)
         breaks[1:] = np.diff(lost_before) > 0
-        of_source = (self.records.kind == Kind.GAP) & (self.records.source == number)
-        causes = np.concatenate([np.flatnonzero(of_source), self._resumed_rows])
+        own = [row for row, gap in self._gaps if gap.source == number]
+        causes = np.concatenate([np.array(own, np.int64), self._resumed_rows])
         after = np.searchsorted(rows, causes)
         breaks[after[(after > 0) & (after < len(rows))]] = True
         return breaks
+
+    def _causes(self, name: str) -> list[Cause]:
+        """Why bytes of a source may be missing, each with the arrival of the bytes after it."""
+        number = self.source(name).id
+        records = self.records
+        rows = np.flatnonzero((records.kind == Kind.BYTES_IN) & (records.source == number))
+        arrival_s = np.maximum.accumulate(records.time_ns[rows]) / NS_PER_S
+
+        def after(row: int) -> float:
+            index = int(np.searchsorted(rows, row))
+            return float(arrival_s[index]) if index < len(rows) else np.inf
+
+        causes = []
+        for row, gap in self._gaps:
+            if gap.source == number:
+                causes.append(Cause(after(row), gap.t, str(gap.fields.get("reason", "unknown"))))
+        for row in self._resumed_rows.tolist():
+            causes.append(Cause(after(row), self._t(row), "recording interrupted"))
+        lost_before = records.sequence[rows].astype(np.int64) - rows
+        for index in np.flatnonzero(np.diff(lost_before, prepend=0) > 0).tolist():
+            causes.append(Cause(float(arrival_s[index]), None, "lost in the file"))
+        return causes
+
+    @cached_property
+    def _gaps(self) -> list[tuple[int, Gap]]:
+        """Gaps with the row of the first record of each; a repetition completes the first."""
+        found: dict[tuple[int, int], tuple[int, Gap]] = {}
+        for row, value in self._objects(Kind.GAP):
+            number = int(self.records.source[row])
+            key = number, int(self.records.time_ns[row])
+            first = found[key][0] if key in found else row
+            found[key] = first, Gap(self._t(row), number, value)
+        return list(found.values())
+
+    def _statistics(self, number: int) -> list[tuple[float, dict[str, Any]]]:
+        return [
+            (self._t(row), value)
+            for row, value in self._objects(Kind.STATISTICS)
+            if self.records.source[row] == number
+        ]
 
     @cached_property
     def _resumed_rows(self) -> IntArray:
