@@ -67,7 +67,12 @@ class SimulatedPort(ABC):
     def read(self) -> bytes:
         """Return what the client wrote, or nothing."""
 
-    def write(self, data: bytes) -> None:
+    @property
+    def connected(self) -> bool:
+        """Whether a client has the port open."""
+        return self._connected()
+
+    def write(self, data: bytes | memoryview) -> None:
         """Send to the client as much as it takes, and keep the rest for the next call."""
         if not self._connected():
             self._waiting.clear()
