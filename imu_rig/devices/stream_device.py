@@ -13,7 +13,7 @@ import numpy as np
 from firmware_protocols.layout import PacketLayout
 from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.clock import NS_PER_S, Clock
-from imu_rig.devices.ports import DEFAULT_BAUD
+from imu_rig.devices.ports import DEFAULT_BAUD, open_port, usb_address
 from imu_rig.devices.reader import PortReader
 from imu_rig.devices.recognize import explain
 from imu_rig.errors import DeviceLost, PortError
@@ -173,6 +173,7 @@ class StreamDevice(Generic[Block]):
         self._opened_ns = self._byte_ns = self._packet_ns = clock.now_ns()
         self._raised = False
         self._counter: int | None = None
+        self._address: str | None = None  # that stays when the device file changes
 
     @property
     def time_source(self) -> str:
@@ -189,9 +190,13 @@ class StreamDevice(Generic[Block]):
         """
         if self._reader is not None and self._reader.alive:
             return
-        reader = PortReader(self.url, self._clock, self._take, self.name, baud=self.baud)
+        address = self._address or self.url
+        reader = PortReader(
+            lambda: open_port(address, baud=self.baud), self._clock, self._take, self.name
+        )
         reader.start()
         self._reader = reader
+        self._address = self._address or usb_address(self.url)
         self._raised = False
         with self._arrived:
             self._opened_ns = self._byte_ns = self._packet_ns = self._clock.now_ns()
@@ -211,7 +216,9 @@ class StreamDevice(Generic[Block]):
             self._raise_fault_of_tap(once=True)
 
     def reopen(self) -> None:
-        """Drop the port, dead or not, and open it again under the same name.
+        """Drop the port, dead or not, and open it again.
+
+        A USB device with a serial number is found again wherever it is plugged in.
 
         Counters, decoder and clock fit go on: a device that kept running meanwhile is continued
         with a gap, one that started anew is recognized as restarted.
@@ -278,6 +285,17 @@ class StreamDevice(Generic[Block]):
             counter=counter,
             error=self._error(),
         )
+
+    @property
+    def running(self) -> bool:
+        """Whether the port is open and being read."""
+        return self._reader is not None and self._reader.alive
+
+    @property
+    def last_byte_ns(self) -> int:
+        """When the last byte came, or the port was opened, host clock [ns]."""
+        with self._arrived:
+            return self._byte_ns
 
     def identify_problem(self) -> str | None:
         """Say in a sentence why no packets come; None while they do.
