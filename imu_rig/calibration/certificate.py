@@ -196,7 +196,17 @@ def load_certificate(path: Path | str) -> Certificate:
         No such file, not a certificate, a newer version, a missing or impossible value.
     """
     source = Path(path)
-    data = read_small(source, MAXIMUM_BYTES, what="a certificate")
+    return parse_certificate(read_small(source, MAXIMUM_BYTES, what="a certificate"), str(source))
+
+
+def parse_certificate(data: bytes, source: str) -> Certificate:
+    """Check the text of a certificate, whose errors begin with ``source``.
+
+    Raises
+    ------
+    InputError
+        As `load_certificate`.
+    """
     try:
         content: Any = from_json(data, allow_inf_nan=True)
     except ValueError as error:

@@ -1,6 +1,6 @@
 """The trial file: one append-only file per trial that no crash can spoil."""
 
-from imu_rig.recording.contents import ClockPairs, Event, Gap, Source, Wire
+from imu_rig.recording.contents import ClockPairs, Event, Gap, Marker, Missing, Source, Wire
 from imu_rig.recording.format import SUFFIX
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.reader import Trial, open_trial
@@ -13,6 +13,8 @@ __all__ = [
     "Damage",
     "Event",
     "Gap",
+    "Marker",
+    "Missing",
     "RecordingOptions",
     "Source",
     "Trial",

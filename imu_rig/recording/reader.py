@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,9 +26,13 @@ from imu_rig.recording.format import (
     Kind,
     decode_file_header,
     decode_json,
+    encode_json,
 )
 from imu_rig.recording.missing import Cause, missing_samples
 from imu_rig.recording.scan import Damage, Records, scan_records
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.certificate import Certificate
 
 Direction = Literal["in", "out"]
 
@@ -231,15 +235,48 @@ class Trial:
             self._breaks(rows, number),
         )
 
-    def imu(self, name: str) -> ImuBlock:
-        """Return the samples of a sensor; times are trial time.
+    def imu(self, name: str, *, calibrated: bool = False) -> ImuBlock:
+        """Return the samples of an inertial sensor; times are trial time.
+
+        Parameters
+        ----------
+        name : str
+            Its source.
+        calibrated : bool
+            Whether to apply the certificate that the trial holds. What it does not calibrate
+            stays as it is, and so do times and gaps.
 
         Raises
         ------
         InputError
-            If the trial has no such source, or one without a readable packet layout.
+            If the trial has no such source, one without a readable packet layout or without
+            accelerometer and gyroscope, or no certificate to calibrate by.
         """
-        return self.imu_assembled(name).block
+        if not calibrated:
+            return self.imu_assembled(name).block
+        from imu_rig.calibration.certificate import apply_certificate
+
+        return apply_certificate(self.certificate(name), self.imu_assembled(name).block)
+
+    def certificate(self, name: str) -> Certificate:
+        """Return the certificate of a sensor that was recorded with the trial.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source, or no certificate of it that can be used.
+        """
+        # Most trials are read without, and its checks take as long to import as all the rest.
+        from imu_rig.calibration.certificate import parse_certificate
+
+        kept = self.source(name).descriptor.get("certificate")
+        if kept is None:
+            raise InputError(
+                f"{self.path} holds no certificate of {name!r}: read it uncalibrated, or apply "
+                "one of another file."
+            )
+        text = encode_json(kept, "The certificate")
+        return parse_certificate(text, f"{self.path}, the certificate of {name!r}")
 
     def imu_in_time(self, name: str) -> ImuBlock:
         """Return the samples of a sensor to measure with, as :meth:`imu`.
