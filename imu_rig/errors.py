@@ -4,7 +4,8 @@
 
     ImuRigError            exit code 1
     ├── InputError         2   a file, option or value that cannot be used
-    │   └── DataError      2   data that cannot determine what was asked of them
+    │   ├── DataError      2   data that cannot determine what was asked of them
+    │   └── NameTaken      2   a file that exists already and is never overwritten
     ├── PortError          3   a port that cannot be opened: forbidden, busy
     │   └── PortMissing    3   ... because it is not there, or its device does not answer
     ├── DeviceError        4   a device that answers wrongly
@@ -45,6 +46,10 @@ class DataError(InputError):
 
     Examples: too few poses, every pose upside up, an axis at its range limit.
     """
+
+
+class NameTaken(InputError):  # noqa: N818  (the state is what its reader goes by)
+    """A file that exists already and is never overwritten; another name will do."""
 
 
 class PortError(ImuRigError):

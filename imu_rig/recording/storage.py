@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Protocol
 
-from imu_rig.errors import InputError, StorageError
+from imu_rig.errors import InputError, NameTaken, StorageError
 
 if sys.platform != "win32":
     import fcntl
@@ -65,7 +65,7 @@ def create_for_append(path: Path) -> int:
     Raises
     ------
     InputError
-        If it exists already, or its folder is missing or forbidden.
+        If it exists already (then a `NameTaken`), or its folder is missing or forbidden.
     StorageError
         If the disk refuses.
     """
@@ -74,7 +74,7 @@ def create_for_append(path: Path) -> int:
             path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | _O_BINARY, 0o666
         )
     except FileExistsError as error:
-        raise InputError(
+        raise NameTaken(
             f"{path} exists already and a trial file is never overwritten; choose another name."
         ) from error
     except OSError as error:
