@@ -21,6 +21,9 @@ import numpy as np
 from firmware_protocols.layout import PacketLayout, load_layout
 from imu_rig.clock import NS_PER_S, Clock, SystemClock
 from simulators.device_packets import DevicePackets
+from simulators.maestro_board import MaestroBoard
+from simulators.maestro_motion import TICK_S
+from simulators.models import MaestroModel
 from simulators.ports import PtyPort, SimulatedPort, TcpPort
 
 PUMP_S = 0.004
@@ -57,6 +60,7 @@ class ServedDevices:
         self.clock: Clock = SystemClock() if clock is None else clock
         self._transport = transport
         self._devices: dict[str, _Device] = {}
+        self._servos: dict[str, _Servos] = {}
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._pump, name="served-devices", daemon=True)
@@ -116,30 +120,28 @@ class ServedDevices:
         if rate is None:
             raise ValueError(f"layout {made_of.name} states no rate; give one")
         with self._lock:
-            if name in self._devices:
-                raise ValueError(f"there is a device {name!r} already")
-            port: SimulatedPort
-            if self._transport == "pty":
-                word = re.sub(r"[^A-Za-z0-9]+", "-", name)
-                port = PtyPort(self._folder / f"{len(self._devices) + 1}-{word}")
-            else:
-                port = TcpPort()
-            self._resources.callback(port.unplug)
-            port.plug()
+            port = self._new_port(name)
             self._devices[name] = _Device(
                 port, made_of, rate, self.clock.now_ns(), seed, skew_ppm, burst_s
             )
             return port.url
 
+    def add_servos(self, name: str = "jig", model: MaestroModel | None = None) -> str:
+        """Switch a servo controller on and return the address of its command port."""
+        with self._lock:
+            port = self._new_port(name)
+            self._servos[name] = _Servos(port, model or MaestroModel(), self.clock.now_ns())
+            return port.url
+
     def unplug(self, name: str) -> None:
         """Take the port away, also under the feet of a client. The device runs and counts on."""
         with self._lock:
-            self._devices[name].unplug()
+            (self._devices.get(name) or self._servos[name]).unplug()
 
     def plug(self, name: str) -> None:
         """Bring the port back under the same address."""
         with self._lock:
-            self._devices[name].port.plug()
+            (self._devices.get(name) or self._servos[name]).port.plug()
 
     def silence(self, name: str, on: bool = True) -> None:
         """Send nothing, or send again; the port stays and the device counts on."""
@@ -175,6 +177,21 @@ class ServedDevices:
         with self._lock:
             return self._devices[name].port.dropped
 
+    def _new_port(self, name: str) -> SimulatedPort:
+        """Make the port of a device and plug it; the caller holds the lock."""
+        known = len(self._devices) + len(self._servos)
+        if name in self._devices or name in self._servos:
+            raise ValueError(f"there is a device {name!r} already")
+        port: SimulatedPort
+        if self._transport == "pty":
+            word = re.sub(r"[^A-Za-z0-9]+", "-", name)
+            port = PtyPort(self._folder / f"{known + 1}-{word}")
+        else:
+            port = TcpPort()
+        self._resources.callback(port.unplug)
+        port.plug()
+        return port
+
     def _pump(self) -> None:
         speed = float(getattr(self.clock, "speed", 1.0))
         wait_s = max(PUMP_S / speed, SHORTEST_WAIT_S)
@@ -188,10 +205,14 @@ class ServedDevices:
                         if listen:
                             device.port.read()
                         device.serve(self.clock.now_ns())
+                    for servos in self._servos.values():
+                        servos.serve(self.clock.now_ns())
         finally:  # clients must see that nobody serves them any more
             with self._lock:
                 for device in self._devices.values():
-                    device.port.unplug()
+                    device.unplug()
+                for servos in self._servos.values():
+                    servos.unplug()
 
 
 class _Device:
@@ -280,3 +301,28 @@ class _Device:
         number = min(MOST_AHEAD, max(1, round(AHEAD_S * self._own_rate_hz)))
         self._ahead = memoryview(self._packets.make(self._next, number))
         self._ahead_from = self._next
+
+
+class _Servos:
+    """A servo controller that does what it is told."""
+
+    def __init__(self, port: SimulatedPort, model: MaestroModel, start_ns: int) -> None:
+        self.port = port
+        self._board = MaestroBoard(model, "usb-dual-port", np.random.default_rng(0))
+        self._start_ns = start_ns
+        self._ticks = 0
+
+    def unplug(self) -> None:
+        self.port.unplug()
+
+    def serve(self, now_ns: int) -> None:
+        """Answer, and move on what is under way."""
+        now_s = (now_ns - self._start_ns) / NS_PER_S
+        if data := self.port.read():
+            self._board.receive(data, now_s)
+        ticks = int(now_s / TICK_S)
+        for _ in range(ticks - self._ticks):
+            self._board.tick(now_s)
+        self._ticks = ticks
+        if answer := self._board.outbox.take(now_s):
+            self.port.write(answer)

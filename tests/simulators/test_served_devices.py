@@ -10,6 +10,7 @@ import serial
 
 from firmware_protocols.decoder import StreamDecoder
 from firmware_protocols.layout import PacketLayout, load_layout
+from firmware_protocols.maestro import GetPosition, SetTarget, encode
 from firmware_protocols.packets import counts, values
 from imu_rig.clock import ScaledClock
 from simulators.device_packets import DevicePackets
@@ -219,3 +220,25 @@ def test_a_layout_without_a_rate_needs_one():
     layout = PacketLayout("own", "", "little", b"\x01", IMU.fields)
     with ServedDevices() as devices, pytest.raises(ValueError, match="rate"):
         devices.add("own", layout)
+
+
+def test_servos_obey_and_come_back(devices):
+    url = devices.add_servos("jig")
+    assert devices.add("shoe", IMU) != url
+    with serial.serial_for_url(url, timeout=PATIENCE_S) as client:
+        client.write(encode(SetTarget(0, 6000)) + encode(GetPosition(0)))
+        assert client.read(2) == (6000).to_bytes(2, "little")
+    devices.unplug("jig")
+    with pytest.raises(serial.SerialException):
+        serial.serial_for_url(url, timeout=0.02)
+    devices.plug("jig")
+    with serial.serial_for_url(url, timeout=PATIENCE_S) as client:
+        client.write(encode(GetPosition(0)))
+        assert client.read(2) == (6000).to_bytes(2, "little")
+
+
+def test_a_name_is_given_once():
+    with ServedDevices() as devices:
+        devices.add("shoe", IMU)
+        with pytest.raises(ValueError, match="shoe"):
+            devices.add_servos("shoe")
