@@ -20,6 +20,7 @@ from imu_rig.recorder.jig_keeper import JigKeeper
 from imu_rig.recorder.keeper import DeviceKeeper, final_fault
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.recorder.status import DeviceStatus, RecorderState, RecorderStatus
+from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.stopping import StopRequest
@@ -53,6 +54,8 @@ class RecordingOutcome:
     file_bytes, unwritten_records, markers : int
     devices : tuple of DeviceStatus
         As of the end of the recording.
+    latency : Latency
+        How long what arrived took to be in the file.
     problem : str or None
         What is left to see to, such as a jig that could not be parked.
     """
@@ -65,6 +68,7 @@ class RecordingOutcome:
     unwritten_records: int
     markers: int
     devices: tuple[DeviceStatus, ...]
+    latency: Latency
     problem: str | None = None
 
 
@@ -178,6 +182,7 @@ class Recorder:
             unwritten_records=trial.unwritten_records,
             markers=self._markers,
             devices=self._devices(),
+            latency=trial.latency(),
             problem=problem,
         )
 
