@@ -62,6 +62,29 @@ def write_whole(path: Path | str, data: bytes, *, what: str, overwrite: bool = F
         file.write(data)
 
 
+def require_new(target: Path, *, what: str, overwrite: bool = False) -> None:
+    """Refuse a name that `whole_file` would refuse, before there is anything to write.
+
+    Raises
+    ------
+    InputError
+        The file exists, or its folder does not.
+    """
+    try:
+        if "\0" in str(target):
+            raise InputError(f"a name with a NUL character cannot be {what}'s")
+        if os.path.lexists(target) and not overwrite:
+            raise InputError(
+                f"{target} exists and {what} is never overwritten unasked; choose another name"
+            )
+        if target.is_dir() and not target.is_symlink():
+            raise InputError(f"{target} is a folder; name a file for {what}")
+        if not target.parent.is_dir():
+            raise InputError(f"{target.parent} is not a folder; make it before saving {what} there")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{target} is no name for {what} ({reason_of(error)})") from error
+
+
 @contextmanager
 def whole_file(path: Path | str, *, what: str, overwrite: bool = False) -> Iterator[BinaryIO]:
     """Write a file beside its place, sync it, and move it there when the block has ended well.
@@ -84,19 +107,7 @@ def whole_file(path: Path | str, *, what: str, overwrite: bool = False) -> Itera
         The disk is full or fails; nothing is left then.
     """
     target = Path(path)
-    try:
-        if "\0" in str(target):
-            raise InputError(f"a name with a NUL character cannot be {what}'s")
-        if os.path.lexists(target) and not overwrite:
-            raise InputError(
-                f"{target} exists and {what} is never overwritten unasked; choose another name"
-            )
-        if target.is_dir() and not target.is_symlink():
-            raise InputError(f"{target} is a folder; name a file for {what}")
-        if not target.parent.is_dir():
-            raise InputError(f"{target.parent} is not a folder; make it before saving {what} there")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{target} is no name for {what} ({reason_of(error)})") from error
+    require_new(target, what=what, overwrite=overwrite)
     try:
         handle, name = tempfile.mkstemp(prefix=".imu-rig-", dir=target.parent)
         temporary = Path(name)
