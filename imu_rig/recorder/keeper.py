@@ -203,9 +203,14 @@ class DeviceKeeper:
         """Take note of a device that sends nothing that can be read."""
         if now - self._asked_ns > ASK_S * NS_PER_S:
             self._asked_ns = now
-            self._problem = self.device.identify_problem()
+            self._problem = self.device.identify_problem() or self._problem
         if self._heard and self._gap is None:
-            self._problem = self.device.identify_problem()
+            self._problem = self._problem or (
+                f"{self.setup.name} on {self.setup.port} sends nothing any more: check its power, "
+                "its cable or Bluetooth link."
+                if state == "silent"
+                else self.device.identify_problem()
+            )
             self._begin_gap(state)
         self._show(state if self._heard or state == "garbled" else "waiting")
 
