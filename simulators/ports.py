@@ -18,6 +18,7 @@ from pathlib import Path
 from imu_rig.errors import PortError
 
 if sys.platform != "win32":
+    import fcntl
     import termios
     import tty
 
@@ -87,6 +88,20 @@ class SimulatedPort(ABC):
         if excess > 0:
             del self._waiting[:excess]
             self.dropped += excess
+
+    def offer(self, data: bytes) -> int:
+        """Send at once what fits, keep nothing, and return how many bytes the client's side took.
+
+        For senders that wait for a slow client instead of dropping bytes.
+        """
+        return self._send(data) if data and self._connected() else 0
+
+    def all_taken(self) -> bool:
+        """Return whether the client has read all that it was sent, as far as that can be told."""
+        return True
+
+    def end_of_data(self) -> None:  # noqa: B027  (a terminal has no way to say so)
+        """Tell the client that nothing more will come, where the port has a way to do so."""
 
     @abstractmethod
     def _connected(self) -> bool:
@@ -164,6 +179,21 @@ class PtyPort(SimulatedPort):
                 if len(received) >= BUFFER_BYTES:
                     break
         return bytes(received)
+
+    def all_taken(self) -> bool:
+        """Look from the client's side, which a terminal's master cannot."""
+        if self._master is None or not self._connected():
+            return True
+        try:
+            slave = os.open(self._slave_name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:  # locked by the client, or gone
+            return True
+        try:
+            poll = select.poll()
+            poll.register(slave, select.POLLIN)
+            return not any(event & select.POLLIN for _, event in poll.poll(0))
+        finally:
+            os.close(slave)
 
     def _connected(self) -> bool:
         if self._master is None:
@@ -277,6 +307,22 @@ class TcpPort(SimulatedPort):
             client.setblocking(False)
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._client = client
+
+    def all_taken(self) -> bool:
+        """Ask the system what the client's end has not confirmed."""
+        if self._client is None or sys.platform != "linux":
+            return True
+        try:
+            unsent = fcntl.ioctl(self._client, termios.TIOCOUTQ, bytes(4))
+        except OSError:
+            return True
+        return not any(unsent)
+
+    def end_of_data(self) -> None:
+        """Close this direction; the client reads on to the end of what was sent."""
+        if self._client is not None:
+            with contextlib.suppress(OSError):  # the client has gone
+                self._client.shutdown(socket.SHUT_WR)
 
     def _connected(self) -> bool:
         return self._client is not None

@@ -1,0 +1,647 @@
+"""Recorded devices on real ports: what a trial holds, byte for byte and at its time.
+
+It takes what happened on the wires as an iterable, and knows nothing of the file it came from; see
+`imu_rig.recording.replay.RecordedWires`, and `imu_rig.testing.replayed` for both together.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import selectors
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+from imu_rig.clock import NS_PER_S, Clock, SteppedClock, SystemClock
+from imu_rig.errors import PortError, reason_of
+from simulators.ports import PtyPort, SimulatedPort, TcpPort
+from simulators.recorded_answers import RecordedAnswers, Reply
+
+TimedChunk = tuple[int, str, Literal["in", "out", "unplug", "plug", "end"], bytes]
+"""Time [ns], source, what happened and bytes; see `imu_rig.recording.replay.TimedChunk`."""
+
+FAST = math.inf
+"""A speed: as fast as the clients read."""
+
+# Constants of time, by the machine's clock.
+IDLE_S = 0.01  # longest time between two looks at the ports
+BUSY_S = 0.002  # between two attempts to send to a client that is behind
+FINE_S = 0.0015  # waits below this are slept, above it a client's word ends them
+SETTLE_S = 0.1  # a program that opens a terminal throws away what came before it was set up
+RETURN_S = 2.0  # of replay time, for which a port that is plugged in again waits for its client
+
+WAITING_BYTES = 256 * 1024
+"""What one client may be behind, besides the system's own buffers, before the replay waits."""
+
+SEND_BYTES = 16 * 1024
+RECEIVED_BYTES = 1 << 20
+MOST_AT_ONCE = 2000
+MOST_LATE = 20_000
+SHORTEST_LOOP_NS = 1_000_000
+LONGEST_LINK = 60
+
+_Selector: type[selectors.BaseSelector] = getattr(
+    selectors, "PollSelector", selectors.SelectSelector
+)
+
+
+@dataclass(frozen=True)
+class ReplayStatus:
+    """How a replay does.
+
+    Attributes
+    ----------
+    state : str
+        ``"waiting"``: for clients, before the start. ``"playing"``. ``"held"``: for a client that
+        is behind or has left. ``"ending"``: until the clients have read everything. ``"ended"``.
+    t_s : float
+        Trial time reached [s].
+    loops : int
+        How often it began anew.
+    sent : dict of str to int
+        Bytes by source that a client's side took.
+    lost : dict of str to int
+        Bytes by source that had no client, as those of a radio that is not connected.
+    without_client : tuple of str
+        Sources whose port nobody has open.
+    """
+
+    state: Literal["waiting", "playing", "held", "ending", "ended"]
+    t_s: float
+    loops: int
+    sent: dict[str, int]
+    lost: dict[str, int]
+    without_client: tuple[str, ...]
+
+
+class Replay:
+    """Recorded sources, each on a port that any program can open.
+
+    On a running clock a thread plays them. A :class:`SteppedClock` has no thread: :meth:`step` and
+    :meth:`step_to_next` move clock and replay together. No byte is dropped because a client is
+    slow: the replay, all sources of it, waits until there is room again.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        Names; each gets a port.
+    chunks : iterable of TimedChunk
+        What happened, in order of time, an ``"end"`` last. Iterated anew for each loop.
+    clock : Clock, optional
+        The machine's by default.
+    speed : float
+        Seconds of the recording per second on the clock, or :data:`FAST`.
+    transport : str
+        "pty" for pseudo-terminals, "tcp" for sockets on this machine.
+    answers : mapping of str to iterable, optional
+        Exchanges of the sources that answer requests; see `simulators.recorded_answers`.
+    wait : bool
+        Begin when every port has a client, and at :data:`FAST` wait for one that left. Otherwise
+        bytes without a client are lost, as they are in life.
+    loop : bool
+        Begin anew at the end.
+    unplug_in_gaps : bool
+        Let a port vanish where the recording says that it was unplugged.
+    folder : Path, optional
+        For the names of pseudo-terminals; otherwise a temporary one.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[str],
+        chunks: Iterable[TimedChunk],
+        *,
+        clock: Clock | None = None,
+        speed: float = 1.0,
+        transport: Literal["pty", "tcp"] = "pty",
+        answers: Mapping[str, Iterable[tuple[int, bytes, Reply]]] | None = None,
+        wait: bool = True,
+        loop: bool = False,
+        unplug_in_gaps: bool = False,
+        folder: Path | None = None,
+    ) -> None:
+        if not speed > 0:
+            raise ValueError(f"a replay's speed must be above 0, not {speed}")
+        self._names = tuple(sources)
+        self._chunks = chunks
+        self._clock = clock or SystemClock()
+        self._speed, self._transport = speed, transport
+        self._answers = answers or {}
+        self._wait_for_clients, self._loop, self._unplug = wait, loop, unplug_in_gaps
+        self._folder = folder
+        self._served: dict[str, _Served] = {}
+        self._lock = threading.RLock()
+        self._stopping = threading.Event()
+        self._finished = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._resources = ExitStack()
+        self._script: Iterator[TimedChunk] = iter(())
+        self._next: TimedChunk | None = None
+        self._origin_ns: int | None = None
+        self._held_ns: int | None = None
+        self._base_ns = self._played_ns = 0
+        self._loops = 0
+        self._ending = self._told_end = False
+        self._late_ns: deque[float] = deque(maxlen=MOST_LATE)
+        self._error: Exception | None = None
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop."""
+        self.stop()
+
+    # --- what a test or a command does with it -------------------------------------------------
+
+    def start(self) -> None:
+        """Open the ports. Does nothing the second time.
+
+        Raises
+        ------
+        PortError
+            If a port cannot be made.
+        """
+        if self._served or self._stopping.is_set():
+            return
+        with ExitStack() as resources:
+            ports = self._made_ports(resources)
+            for port in ports.values():
+                resources.callback(port.unplug)
+                port.plug()
+            for name, port in ports.items():
+                answers = self._answers.get(name)
+                self._served[name] = _Served(
+                    name,
+                    port,
+                    settle_s=SETTLE_S if self._transport == "pty" else 0.0,
+                    answers=None if answers is None else RecordedAnswers(answers),
+                )
+            self._resources = resources.pop_all()
+        self._script = iter(self._chunks)
+        if not isinstance(self._clock, SteppedClock):
+            self._thread = threading.Thread(target=self._pump, name="replay", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Take the ports away and end the thread. Does nothing the second time."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        with self._lock:
+            self._resources.close()
+            self._script = iter(())  # lets go of the recording's file
+
+    def ports(self) -> dict[str, str]:
+        """Return the address of every source's port, from the start on."""
+        if not self._served:
+            raise RuntimeError("the replay has no ports before its start.")
+        return {name: served.port.url for name, served in self._served.items()}
+
+    def url(self, name: str) -> str:
+        """Return the address of one source's port."""
+        return self.ports()[name]
+
+    def received(self, name: str) -> bytes:
+        """Return what clients wrote to a source, the last mebibyte of it."""
+        with self._lock:
+            return bytes(self._served[name].received)
+
+    def unknown_bytes(self, name: str) -> int:
+        """Return how many bytes that clients wrote were part of no recorded request."""
+        with self._lock:
+            answers = self._served[name].answers
+            return 0 if answers is None else answers.unknown_bytes
+
+    def lateness_s(self) -> list[float]:
+        """Return how late the last chunks were sent, by the replay's clock [s]."""
+        with self._lock:
+            return [late / NS_PER_S for late in self._late_ns]
+
+    @property
+    def status(self) -> ReplayStatus:
+        """How it does now."""
+        with self._lock:
+            served = self._served.values()
+            return ReplayStatus(
+                self._state(),
+                (self._played_ns if self._ending else self._position_ns()) / NS_PER_S,
+                self._loops,
+                {s.name: s.sent for s in served},
+                {s.name: s.lost for s in served},
+                tuple(s.name for s in served if s.since_s is None),
+            )
+
+    def wait_for_clients(self, timeout_s: float) -> bool:
+        """Wait until every port has a client that can read, and return whether that is so."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            with self._lock:
+                if self._thread is None:
+                    self._listen()
+                if all(served.ready for served in self._served.values()):
+                    return True
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(BUSY_S)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait for the end: everything read by the clients and the ports gone.
+
+        Raises
+        ------
+        Exception
+            What the recording raised while it was read.
+        """
+        ended = self._finished.wait(timeout_s)
+        if self._error is not None:
+            raise self._error
+        return ended
+
+    def step(self, seconds: float) -> None:
+        """Move a stepped clock forward and send what is due; 0 only serves the ports.
+
+        What a client has no room for is sent in the next step.
+
+        Raises
+        ------
+        RuntimeError
+            If the clock runs by itself, or a port has no client yet.
+        """
+        clock = self._stepped_clock()
+        with self._lock:
+            self._begin_stepping()
+            clock.advance(seconds)
+            while self._serve() == 0 and not self._finished.is_set():
+                pass
+            self._finish_if_done()
+
+    def step_to_next(self) -> float | None:
+        """Move a stepped clock to the next moment at which something is due, and send it.
+
+        Returns
+        -------
+        float or None
+            Seconds on the clock until then; None after the last.
+        """
+        self._stepped_clock()
+        with self._lock:
+            self._begin_stepping()
+            self.step(0)
+            if self._peek() is None:
+                return None
+            seconds = max(0.0, (self._due_ns() - self._replay_ns()) / NS_PER_S / self._speed)
+            self.step(math.ceil(seconds * NS_PER_S) / NS_PER_S)
+            return seconds
+
+    # --- one look at everything ----------------------------------------------------------------
+
+    def _serve(self) -> float:
+        """Serve all ports once and return how long nothing needs to be done [s of the clock]."""
+        self._listen()
+        served = self._served.values()
+        if self._origin_ns is None:
+            if self._wait_for_clients and not all(s.ready for s in served):
+                return IDLE_S
+            self._origin_ns = self._clock.now_ns()
+        due_s = self._play()
+        for each in served:
+            due_s = min(due_s, self._send_replies(each))
+            each.flush()
+            if each.queue:
+                due_s = min(due_s, BUSY_S)
+        return due_s
+
+    def _listen(self) -> None:
+        """Take what clients wrote, and see who has come and who has gone."""
+        now_s = time.monotonic()
+        keep = self._keeps_for_absent
+        for each in self._served.values():
+            data = each.port.read()
+            each.look(now_s, keep=keep or self._returning(each))
+            if data:
+                each.received += data
+                del each.received[:-RECEIVED_BYTES]
+            if each.answers is not None:
+                for reply in each.answers.answer(data, self._position_ns(), now_s):
+                    each.reply(reply, self._clock.now_ns(), self._speed)
+
+    def _play(self) -> float:
+        """Send what is due; return the time until more is [s of the clock]."""
+        for _ in range(MOST_AT_ONCE):
+            chunk = self._peek()
+            if chunk is None:
+                return IDLE_S
+            wait_ns = self._due_ns() - self._replay_ns()
+            if wait_ns > 0:
+                return min(IDLE_S, wait_ns / NS_PER_S / self._speed)
+            if not self._room_for(chunk):
+                if self._held_ns is None:
+                    self._held_ns = self._clock.now_ns()
+                return BUSY_S
+            if self._held_ns is not None and self._origin_ns is not None:
+                self._origin_ns += self._clock.now_ns() - self._held_ns
+                self._held_ns = None
+            self._perform(chunk)
+        return 0.0
+
+    def _room_for(self, chunk: TimedChunk) -> bool:
+        _, name, what, _ = chunk
+        each = self._served.get(name)
+        if each is None or what not in ("in", "unplug"):
+            return True
+        absent = each.since_s is None
+        if what == "unplug":  # what came before it was received, so it must be now
+            return (
+                not self._unplug
+                or (absent and not each.queue)
+                or (not each.queue and each.port.all_taken())
+            )
+        if absent and self._keeps_for_absent and each.port.plugged:
+            return False
+        return len(each.queue) < WAITING_BYTES
+
+    def _perform(self, chunk: TimedChunk) -> None:
+        t_ns, name, what, data = chunk
+        self._next = None
+        due_ns = self._base_ns + t_ns
+        each = self._served.get(name)
+        if what == "end":
+            self._end(t_ns)
+        elif each is None:
+            return
+        elif what == "in":
+            if self._speed != FAST:
+                self._late_ns.append((self._replay_ns() - due_ns) / self._speed)
+            if not each.port.plugged:
+                self._plug(each)
+            if each.since_s is not None or self._returning(each) or self._keeps_for_absent:
+                each.queue += data
+                each.flush()
+            else:
+                each.lost += len(data)
+        elif what == "unplug" and self._unplug:
+            each.port.unplug()
+            each.look(time.monotonic(), keep=False)
+        elif what == "plug" and self._unplug and not each.port.plugged:
+            self._plug(each)
+        self._played_ns = max(self._played_ns, t_ns)
+
+    def _plug(self, each: _Served) -> None:
+        each.port.plug()
+        each.returning_ns = self._base_ns + self._played_ns
+
+    def _end(self, t_ns: int) -> None:
+        if not self._loop:
+            self._ending = True
+            return
+        self._loops += 1
+        self._base_ns += max(t_ns, SHORTEST_LOOP_NS)
+        self._played_ns = 0
+        self._script = iter(self._chunks)
+
+    def _send_replies(self, each: _Served) -> float:
+        """Queue the replies that are due; return the time until the next is [s of the clock]."""
+        now = self._clock.now_ns()
+        while each.replies and each.replies[0][0] <= now:
+            each.queue += each.replies.popleft()[1]
+        return (each.replies[0][0] - now) / NS_PER_S if each.replies else IDLE_S
+
+    def _finish_if_done(self) -> None:
+        """After the last chunk: wait until clients have read it, then take the ports away."""
+        served = self._served.values()
+        if not self._ending or self._finished.is_set():
+            return
+        if any(each.queue or each.replies for each in served):
+            return
+        if not self._told_end:
+            for each in served:
+                each.port.end_of_data()
+            self._told_end = True
+        if all(each.port.all_taken() for each in served):
+            for each in served:
+                each.port.unplug()
+                each.since_s = None
+            self._finished.set()
+
+    # --- time ----------------------------------------------------------------------------------
+
+    def _replay_ns(self) -> float:
+        """Time since the start in the recording's time, over all loops; infinite at FAST."""
+        if self._origin_ns is None:
+            return 0
+        if self._speed == FAST:
+            return math.inf
+        now = self._clock.now_ns() if self._held_ns is None else self._held_ns
+        return (now - self._origin_ns) * self._speed
+
+    def _position_ns(self) -> int:
+        """Trial time that has been reached."""
+        if self._speed == FAST or self._origin_ns is None:
+            return self._played_ns
+        return int(self._replay_ns()) - self._base_ns
+
+    def _peek(self) -> TimedChunk | None:
+        if self._next is None and not self._ending:
+            self._next = next(self._script, None)
+            if self._next is None:
+                self._ending = True
+        return self._next
+
+    def _due_ns(self) -> int:
+        return self._base_ns + (self._next[0] if self._next else 0)
+
+    def _returning(self, each: _Served) -> bool:
+        """Whether a port was plugged in again so recently that its client may not know it."""
+        if each.returning_ns is None:
+            return False
+        limit_ns = RETURN_S * NS_PER_S
+        recent = self._speed == FAST or self._replay_ns() - each.returning_ns < limit_ns
+        if each.ready or not recent:
+            each.returning_ns = None
+        return each.returning_ns is not None
+
+    @property
+    def _keeps_for_absent(self) -> bool:
+        return self._speed == FAST and self._wait_for_clients
+
+    def _state(self) -> Literal["waiting", "playing", "held", "ending", "ended"]:
+        if self._finished.is_set():
+            return "ended"
+        if self._origin_ns is None:
+            return "waiting"
+        if self._ending:
+            return "ending"
+        return "playing" if self._held_ns is None else "held"
+
+    # --- the thread and its ports --------------------------------------------------------------
+
+    def _pump(self) -> None:
+        try:
+            while not (self._stopping.is_set() or self._finished.is_set()):
+                with self._lock:
+                    seconds = self._serve()
+                    self._finish_if_done()
+                    descriptors = [d for s in self._served.values() for d in s.port.descriptors()]
+                if seconds > 0:
+                    self._pause(descriptors, seconds)
+        except Exception as error:  # whatever the recording raises, `wait` raises it again
+            self._error = error
+        finally:  # clients must see that nobody serves them any more
+            with self._lock:
+                for served in self._served.values():
+                    served.port.unplug()
+            self._finished.set()
+
+    def _pause(self, descriptors: list[int], seconds: float) -> None:
+        """Wait until something is due or a client writes; never late by more than a scheduler is.
+
+        Waiting on descriptors is rounded up to milliseconds, so the rest of a wait is slept.
+        """
+        seconds /= float(getattr(self._clock, "speed", 1.0))
+        if seconds <= FINE_S:
+            time.sleep(seconds)
+            return
+        if not descriptors:
+            self._stopping.wait(seconds - FINE_S / 2)
+            return
+        with _Selector() as selector:
+            for descriptor in set(descriptors):
+                selector.register(descriptor, selectors.EVENT_READ)
+            selector.select((seconds - FINE_S / 2) // 0.001 * 0.001)
+
+    def _stepped_clock(self) -> SteppedClock:
+        if not isinstance(self._clock, SteppedClock):
+            raise RuntimeError("the replay's clock runs by itself; only a SteppedClock is stepped.")
+        return self._clock
+
+    def _begin_stepping(self) -> None:
+        """See to it that the clients which are there can read, and that none is missing."""
+        if self._finished.is_set():
+            return
+        deadline = time.monotonic() + 2 * SETTLE_S
+        self._listen()
+        while any(s.since_s is not None and not s.ready for s in self._served.values()):
+            if time.monotonic() > deadline:
+                break
+            time.sleep(BUSY_S)
+            self._listen()
+        if self._origin_ns is None and self._wait_for_clients:
+            missing = [s.name for s in self._served.values() if not s.ready]
+            if missing:
+                raise RuntimeError(f"nobody has opened the port of {', '.join(missing)} yet.")
+
+    def _made_ports(self, resources: ExitStack) -> dict[str, SimulatedPort]:
+        if self._transport == "tcp":
+            return {name: TcpPort() for name in self._names}
+        if self._folder is None:
+            temporary = tempfile.TemporaryDirectory(prefix="imu-rig-")
+            resources.callback(temporary.cleanup)
+            folder = Path(temporary.name)
+        else:
+            folder = self._folder
+            _require_folder(folder)
+        links = _links(self._names)
+        for link in links.values():
+            _require_free(folder / link)
+        return {name: PtyPort(folder / link) for name, link in links.items()}
+
+
+@dataclass
+class _Served:
+    """One source, its port and its client.
+
+    ``since_s`` is when the client came, None without one; ``returning_ns`` when the port was
+    plugged in again, in replay time, until its client is back.
+    """
+
+    name: str
+    port: SimulatedPort
+    settle_s: float
+    answers: RecordedAnswers | None
+    queue: bytearray = field(default_factory=bytearray)
+    replies: deque[tuple[int, bytes]] = field(default_factory=deque)
+    received: bytearray = field(default_factory=bytearray)
+    sent: int = 0
+    lost: int = 0
+    since_s: float | None = None
+    returning_ns: float | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether a client is there and has had the time to set its port up."""
+        return self.since_s is not None and time.monotonic() - self.since_s >= self.settle_s
+
+    def look(self, now_s: float, *, keep: bool) -> None:
+        """See whether the client has come or gone; ``keep`` what it left for the next."""
+        if not self.port.connected:
+            self.since_s = None
+            self.replies.clear()
+            if self.answers is not None:
+                self.answers.forget()
+            if not keep:
+                self.lost += len(self.queue)
+                self.queue.clear()
+        elif self.since_s is None:
+            self.since_s = now_s
+
+    def reply(self, reply: Reply, now_ns: int, speed: float) -> None:
+        """Put a reply on its way; replies never overtake one another."""
+        for delay_ns, data in reply:
+            due = now_ns + int(delay_ns / speed)
+            if self.replies:
+                due = max(due, self.replies[-1][0])
+            self.replies.append((due, data))
+
+    def flush(self) -> None:
+        """Send what the client has room for."""
+        while self.queue and self.ready:
+            count = self.port.offer(bytes(self.queue[:SEND_BYTES]))
+            if not count:
+                break
+            del self.queue[:count]
+            self.sent += count
+
+
+def _links(names: Sequence[str]) -> dict[str, str]:
+    """Return a file name for each source, whatever it is called."""
+    links: dict[str, str] = {}
+    for number, name in enumerate(names, 1):
+        word = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-")[:LONGEST_LINK]
+        if not word or word.lower() in {link.lower() for link in links.values()}:
+            word = f"{word}-{number}" if word else f"source-{number}"
+        links[name] = word
+    return links
+
+
+def _require_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PortError(
+            f"The folder {folder} for the ports cannot be made ({reason_of(error)})."
+        ) from error
+
+
+def _require_free(link: Path) -> None:
+    """Refuse to put a port in the place of anything but the trace of one that is gone."""
+    if link.exists():
+        raise PortError(
+            f"{link} exists already: end the replay that has it, or name another folder."
+        )
