@@ -1,0 +1,146 @@
+"""Record four sensors at 400 per second, a barometer and servos; count and time everything.
+
+``python tests/recorder/load_harness.py --minutes 10`` prints the figures and ends with 1 if a
+packet is missing. The devices run in a process of their own; the share of a core is that of the
+recorder's alone, user and system time of all its threads, from the moment all devices are heard.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from device_process import DeviceProcess
+
+from imu_rig.clock import SystemClock
+from imu_rig.recorder.engine import Recorder
+from imu_rig.recorder.setup import TrialSetup
+from imu_rig.recorder.status import RecorderStatus
+from imu_rig.recording import open_trial
+from imu_rig.stopping import StopRequest
+
+IMUS = 4
+RATE_HZ = 400.0
+SETTLE_S = 0.3  # for what is under way to arrive, after the devices fell silent
+
+DEVICES = {
+    f"imu {number}": {
+        "layout": "mpu9150-28",
+        "rate_hz": RATE_HZ,
+        "seed": number,
+        "skew_ppm": 20.0 * number,
+    }
+    for number in range(IMUS)
+} | {"barometer": {"layout": "baro-16", "seed": 9}}
+
+
+@dataclass(frozen=True)
+class LoadFigures:
+    """What a recording did; packets sent before the port was ready do not count as lost."""
+
+    seconds: float
+    sent: int
+    lost: int
+    before: int
+    corrupt: int
+    servo_answers: int
+    unwritten_records: int
+    cpu_share: float
+    latency_p50_ms: float
+    latency_p99_ms: float
+    latency_max_ms: float
+    file_mb: float
+
+
+class _Conductor:
+    """Lets the recording run its time, silences the devices, waits, and ends it."""
+
+    def __init__(self, devices: DeviceProcess, stop: StopRequest, seconds: float) -> None:
+        self._devices, self._stop, self._seconds = devices, stop, seconds
+        self._begun: tuple[float, float] | None = None
+        self._silent_s: float | None = None
+        self.cpu_share = 0.0
+
+    def observe(self, status: RecorderStatus) -> None:
+        now = time.monotonic()
+        if status.state != "recording":
+            return
+        if self._begun is None:
+            self._begun = now, _cpu_s()
+        elif self._silent_s is None and now - self._begun[0] >= self._seconds:
+            self.cpu_share = (_cpu_s() - self._begun[1]) / (now - self._begun[0])
+            for name in DEVICES:
+                self._devices.call("silence", name)
+            self._silent_s = now
+        elif self._silent_s is not None and now - self._silent_s > SETTLE_S:
+            self._stop.make("the time is over")
+
+
+def run(seconds: float, folder: Path) -> LoadFigures:
+    """Record and compare with what the devices say they sent."""
+    path = folder / "load.imu-trial"
+    with DeviceProcess(DEVICES, servos="servos") as devices:
+        setup = TrialSetup.model_validate(
+            {
+                "devices": [
+                    {"name": name, "port": devices.urls[name], "layout": how["layout"]}
+                    for name, how in DEVICES.items()
+                ],
+                "jig": {"maestro": devices.urls["servos"]},
+            }
+        )
+        stop = StopRequest()
+        conductor = _Conductor(devices, stop, seconds)
+        recorder = Recorder(setup, path, SystemClock(), stop=stop, observe=conductor.observe)
+        outcome = recorder.run()
+        runs = {name: devices.call("counters", name) for name in DEVICES}
+    trial = open_trial(path)
+    lost = before = sent = corrupt = 0
+    for name in DEVICES:
+        ((first, last),) = runs[name]
+        received = trial.samples(name).counter
+        late = int(received[0] - first) % 256
+        sent += last - first + 1
+        before += late
+        lost += last - first + 1 - late - len(received)
+        corrupt += trial.device_statistics(name)[-1][1]["corrupt"]
+    latency = outcome.latency
+    return LoadFigures(
+        seconds=seconds,
+        sent=sent,
+        lost=lost,
+        before=before,
+        corrupt=corrupt,
+        servo_answers=len(trial.wire("jig").t),
+        unwritten_records=outcome.unwritten_records,
+        cpu_share=round(conductor.cpu_share, 3),
+        latency_p50_ms=round(latency.p50_s * 1e3, 2),
+        latency_p99_ms=round(latency.p99_s * 1e3, 2),
+        latency_max_ms=round(latency.max_s * 1e3, 2),
+        file_mb=round(outcome.file_bytes / 1e6, 2),
+    )
+
+
+def _cpu_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=1.0)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        figures = run(60.0 * arguments.minutes, Path(folder))
+    print(json.dumps(asdict(figures)))
+    return 1 if figures.lost or figures.unwritten_records else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
