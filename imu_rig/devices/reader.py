@@ -85,10 +85,14 @@ class PortReader:
     def _run(self, port: Port) -> None:
         try:
             while not self._stopping.is_set():
-                data = port.read(READ_S)
-                if data:
-                    self._on_bytes(self._clock.now_ns(), data)
+                self._take(port, READ_S)
+            self._take(port, 0.0)  # what came while the end was asked for
         except Exception as error:  # whatever it is, the owner raises it again
             self.error = error
         finally:
             port.close()
+
+    def _take(self, port: Port, timeout_s: float) -> None:
+        data = port.read(timeout_s)
+        if data:
+            self._on_bytes(self._clock.now_ns(), data)
