@@ -25,6 +25,7 @@ from imu_rig.cli import (
     info,
     noise,
     protocol,
+    record,
     simulate,
     solve,
     verify,
@@ -48,6 +49,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("solve")(solve.solve)
 app.command("verify")(verify.verify)
 app.command("noise")(noise.noise)
+app.command("record")(record.record)
 app.command("info")(info.info)
 app.command("export")(export.export)
 app.add_typer(certificate.app, name="certificate")

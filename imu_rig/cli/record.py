@@ -1,0 +1,243 @@
+"""`imu-rig record`: a trial of any number of devices, into a file that nothing can lose."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
+
+from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
+from imu_rig.cli.options import Quiet
+from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, InputError, NameTaken
+
+if TYPE_CHECKING:
+    from imu_rig.recorder.engine import RecordingOutcome
+    from imu_rig.recorder.setup import DeviceSetup, TrialSetup
+    from imu_rig.stopping import StopRequest
+
+DEFAULT_OUTPUT = Path("recordings")
+DEFAULT_MAX_LOSS = 5.0
+WAIT_S = 30.0  # for required devices where nobody sits at a terminal
+STOPPED_EXIT = 130
+MOST_SIMULATED = 16
+SIMULATED_SKEW_PPM = 10.0  # of the first device's clock; the second's is twice as wrong ...
+STOPPING = "Stopping: the file is closed now; once more to hurry."
+
+
+def record(
+    device: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--device",
+            "-d",
+            help='A device: PORT or NAME=PORT, then what is unusual: "left=/dev/ttyUSB0,'
+            'layout=baro-16,baud=230400,certificate=left.json,optional". Repeat it for each.',
+        ),
+    ] = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option("--setup", help="TOML file of devices, jig and trial; options go before it."),
+    ] = None,
+    layout: Annotated[
+        str | None,
+        typer.Option("--layout", help="Packet layout of every --device that states none."),
+    ] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option("--certificate", help="Certificate of the device, if there is only one."),
+    ] = None,
+    simulate: Annotated[
+        int, typer.Option("--simulate", help="Record so many simulated devices instead.")
+    ] = 0,
+    maestro: MaestroPort = None,
+    jig: Annotated[
+        str | None,
+        typer.Option("--jig", help="With --maestro: paper-jig, or a TOML file; parked at the end."),
+    ] = None,
+    maestro_device: MaestroDevice = None,
+    maestro_crc: MaestroCrc = False,
+    duration: Annotated[
+        str | None,
+        typer.Option("--duration", "-t", help="60, 2min, 1h30min; until you stop it if left out."),
+    ] = None,
+    subject: Annotated[str | None, typer.Option("--subject", help="Who; kept in the file.")] = None,
+    session: Annotated[
+        str | None,
+        typer.Option("--session", help="Folder of the trials; by default day and subject."),
+    ] = None,
+    trial: Annotated[
+        str | None, typer.Option("--trial", help="Name of the trial; a number is added.")
+    ] = None,
+    note: Annotated[str | None, typer.Option("--note", help="Anything; kept in the file.")] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder of the sessions.")
+    ] = DEFAULT_OUTPUT,
+    wait: Annotated[
+        float | None,
+        typer.Option(
+            "--wait",
+            help="Seconds to wait for required devices; without end on a terminal, else 30.",
+        ),
+    ] = None,
+    max_loss: Annotated[
+        float,
+        typer.Option("--max-loss", help="Lost packets of a required device to accept [%]."),
+    ] = DEFAULT_MAX_LOSS,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="A JSON object each second and the result last, to stdout."),
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Record any number of devices until Ctrl-C, q or the planned duration."""
+    from imu_rig.cli.record_setup import Options, setup_from
+    from imu_rig.cli.record_summary import result_json, shortfalls, summary_lines
+
+    if wait is not None and not (math.isfinite(wait) and wait >= 0):
+        raise InputError(f"--wait {wait} is no number of seconds to wait.")
+    if not 0 <= max_loss <= 100:
+        raise InputError(f"--max-loss {max_loss} is not between 0 and 100 %.")
+    if wait is None and not _somebody_watches():
+        wait = WAIT_S
+    with contextlib.ExitStack() as stack:
+        if simulate and (device or setup is not None):
+            raise InputError("Give either --simulate or devices of your own, not both.")
+        simulated = stack.enter_context(_simulated(simulate, layout)) if simulate else ()
+        plan = setup_from(
+            Options(
+                setup=setup,
+                devices=device or (),
+                layout=layout,
+                certificate=certificate,
+                maestro=maestro,
+                jig=jig,
+                maestro_device=maestro_device,
+                maestro_crc=maestro_crc,
+                duration=duration,
+                subject=subject,
+                session=session,
+                trial=trial,
+                note=note,
+            ),
+            simulated,
+        )
+        outcome, stop = _record(plan, output, wait_s=wait, quiet=quiet, as_json=as_json)
+    short = shortfalls(outcome, max_loss / 100.0)
+    hurried = stop.cause is not None and "SIGINT" not in stop.cause
+    lines = [result_json(outcome, short)] if as_json else summary_lines(outcome, brief=hurried)
+    _say(sys.stdout, lines)
+    _say(sys.stderr, [f"imu-rig: {sentence}" for sentence in short])
+    if short:
+        raise typer.Exit(INCOMPLETE_EXIT)
+    if outcome.reason == "interrupted":
+        raise typer.Exit(STOPPED_EXIT)
+
+
+def _record(
+    plan: TrialSetup, output: Path, *, wait_s: float | None, quiet: bool, as_json: bool
+) -> tuple[RecordingOutcome, StopRequest]:
+    """Record under the next free name; return how it ended and who asked for that."""
+    from imu_rig.cli.keys import Keys
+    from imu_rig.cli.live import stop_on_signals
+    from imu_rig.cli.record_view import RecordView
+    from imu_rig.clock import SystemClock
+    from imu_rig.recorder.engine import Recorder
+    from imu_rig.recorder.naming import free_paths, session_part
+    from imu_rig.stopping import StopRequest
+
+    stop = StopRequest()
+    view = RecordView(quiet=quiet, as_json=as_json)
+    part = session_part(plan.session, plan.subject, datetime.now().astimezone().date())
+
+    def attempt(path: Path) -> RecordingOutcome:
+        recorder = Recorder(
+            plan,
+            path,
+            SystemClock(),
+            stop=stop,
+            observe=view.observe,
+            notify=view.notify,
+            wait_s=wait_s,
+        )
+
+        def mark(label: str) -> None:
+            recorder.mark(label)
+            view.marked(label)
+
+        with Keys(mark, lambda: stop.make("Stopped by the key q.")) as keys:
+            if keys.by_key:
+                view.listens_to_keys()
+            return recorder.run()
+
+    with view, stop_on_signals(stop, view.notify, STOPPING), _folder(output, part) as folder:
+        for path in free_paths(folder, plan.trial):
+            try:
+                return attempt(path), stop
+            except NameTaken:  # another recorder was faster
+                continue
+            except ImuRigError as error:
+                if str(path) in str(error) or not path.is_file():
+                    raise
+                raise type(error)(f"{error} What was received is kept in {path}.") from error
+    raise AssertionError  # names do not end without an error
+
+
+@contextlib.contextmanager
+def _folder(output: Path, part: str) -> Iterator[Path]:
+    """Make the folder of a session; what was made for nothing is taken away again."""
+    from imu_rig.recorder.naming import make_folder
+
+    missing = [p for p in ((output / part), *(output / part).parents) if not p.exists()]
+    folder = make_folder(output, part)
+    try:
+        yield folder
+    finally:
+        with contextlib.suppress(OSError):  # not empty
+            for made in missing:
+                made.rmdir()
+
+
+@contextlib.contextmanager
+def _simulated(count: int, layout: str | None) -> Iterator[tuple[DeviceSetup, ...]]:
+    """Serve devices that are not there."""
+    from firmware_protocols.layout import DEFAULT_LAYOUT_NAME
+    from imu_rig.recorder.setup import DeviceSetup
+    from simulators.served_devices import ServedDevices
+
+    if not 1 <= count <= MOST_SIMULATED:
+        raise InputError(f"--simulate takes 1 to {MOST_SIMULATED} devices, not {count}.")
+    with ServedDevices(transport="tcp" if sys.platform == "win32" else "pty") as served:
+        devices = []
+        for number in range(1, count + 1):
+            name = f"simulated {number}"
+            setup = DeviceSetup(name=name, port="none", layout=layout or DEFAULT_LAYOUT_NAME)
+            port = served.add(
+                name, setup.packet_layout(), seed=number, skew_ppm=SIMULATED_SKEW_PPM * number
+            )
+            devices.append(setup.model_copy(update={"port": port}))
+        yield tuple(devices)
+
+
+def _somebody_watches() -> bool:
+    try:
+        return sys.stdin.isatty() and sys.stderr.isatty()
+    except (AttributeError, ValueError):
+        return False
+
+
+def _say(stream: TextIO, lines: Sequence[str]) -> None:
+    """Write lines, if anybody still takes them: the terminal may be closed by now."""
+    try:
+        stream.writelines(f"{line}\n" for line in lines)
+        stream.flush()
+    except (OSError, ValueError):
+        # what is left in the stream must not be tried again when the program leaves
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,0 +1,127 @@
+"""What is told of a recording that has ended: figures, what it falls short of, what comes next."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import shlex
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from imu_rig.cli.record_view import clock, lost_text, size
+from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError
+from imu_rig.foreign_text import one_line
+
+if TYPE_CHECKING:
+    from imu_rig.recorder.engine import RecordingOutcome
+    from imu_rig.recorder.status import DeviceStatus
+
+WIDTH = 80
+NAME_WIDTH = 20
+MOST_BYTES_AT_ONCE = 100_000_000
+"""A larger file is not read again at the end to state its uncertainty of time."""
+
+
+def shortfalls(outcome: RecordingOutcome, max_loss: float) -> list[str]:
+    """Say in sentences what a recording is not that it should be; ``max_loss`` is 0 to 1."""
+    told = []
+    for device in outcome.devices:
+        name = one_line(device.name, 60)
+        if not device.required:
+            continue
+        if not device.packets:
+            told.append(f"{name} was never heard: {device.problem or f'{device.port} is silent.'}")
+        elif device.state != "live":
+            told.append(
+                f"{name} was {device.state} at the end, and had been for {device.age_s:.0f} s."
+            )
+        if device.packets and device.loss > max_loss:
+            told.append(
+                f"{name} lost {lost_text(device)} of its packets, and {100 * max_loss:g} % are "
+                "accepted (--max-loss)."
+            )
+    if outcome.unwritten_records:
+        told.append(
+            f"{outcome.unwritten_records} records found no room while the disk was too slow; the "
+            "file says when."
+        )
+    if outcome.problem:
+        told.append(outcome.problem)
+    return told
+
+
+def result_json(outcome: RecordingOutcome, short: list[str]) -> str:
+    """Return the last line of ``--json``."""
+    result: dict[str, Any] = {
+        **dataclasses.asdict(outcome),
+        "path": str(outcome.path),
+        "complete": not short and outcome.reason == "complete",
+        "shortfalls": short,
+        "exit_code": INCOMPLETE_EXIT if short else 0,
+    }
+    for device, values in zip(outcome.devices, result["devices"], strict=True):
+        values["loss"] = device.loss
+    return json.dumps({"result": result}, allow_nan=False)
+
+
+def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str]:
+    """Lines that tell a recording; ``brief`` where the program has to leave at once."""
+    uncertainties = {} if brief else time_uncertainties(outcome)
+    ended = {"complete": "complete", "interrupted": "stopped before its planned end"}
+    facts = [
+        f"{clock(outcome.duration_s)} recorded",
+        size(outcome.file_bytes),
+        f"{outcome.markers} marker{'s'[: outcome.markers != 1]}",
+        ended.get(outcome.reason, outcome.reason),
+    ]
+    lines = [str(outcome.path), f"  {', '.join(facts)}", ""]
+    names = [_short(device.name) for device in outcome.devices]
+    width = max(map(len, [*names, "device"]))
+    head = f"  {'device':{width}}{'packets':>10}{'Hz':>8}{'lost':>17}{'gaps':>6}"
+    lines.append(head + (f"{'time':>11}" if uncertainties else ""))
+    for name, device in zip(names, outcome.devices, strict=True):
+        rate = f"{device.rate_hz:.1f}" if device.rate_hz else "–"
+        line = (
+            f"  {name:{width}}{device.packets:>10}{rate:>8}{lost_text(device):>17}{device.gaps:>6}"
+        )
+        if uncertainties:
+            line += f"{_time(uncertainties.get(device.name)):>11}"
+        lines.append(line + _remark(device))
+    file = shlex.quote(str(outcome.path))
+    lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file}"]
+    return lines
+
+
+def time_uncertainties(outcome: RecordingOutcome) -> dict[str, float]:
+    """Read the file again for how well each device's time is known on the trial's clock [s]."""
+    from imu_rig.cli.working import Working
+    from imu_rig.recording.reader import open_trial
+
+    found: dict[str, float] = {}
+    if outcome.file_bytes > MOST_BYTES_AT_ONCE:
+        return found
+    try:
+        with Working("Reading the file again"):
+            trial = open_trial(outcome.path)
+            state_time = getattr(trial, "time_uncertainty_s", None)
+            for device in outcome.devices:
+                if device.packets and state_time is not None:
+                    found[device.name] = state_time(device.name)
+    except (ImuRigError, OSError):  # info tells of it
+        return {}
+    return found
+
+
+def _short(name: str) -> str:
+    return textwrap.shorten(one_line(name, 60), NAME_WIDTH, placeholder="…")
+
+
+def _time(uncertainty_s: float | None) -> str:
+    if uncertainty_s is None or not math.isfinite(uncertainty_s):
+        return "–"
+    return f"± {1e3 * uncertainty_s:.2g} ms" if uncertainty_s < 0.1 else f"± {uncertainty_s:.2g} s"
+
+
+def _remark(device: DeviceStatus) -> str:
+    return "" if device.state == "live" else f"  {device.state} at the end"
