@@ -340,7 +340,9 @@ class Replay:
                 del each.received[:-RECEIVED_BYTES]
             if each.answers is not None:
                 for reply in each.answers.answer(data, self._position_ns(), now_s):
-                    each.reply(reply, self._clock.now_ns(), self._speed)
+                    # a clock that stands still would keep the reply until the next step
+                    stepped = isinstance(self._clock, SteppedClock)
+                    each.reply(reply, self._clock.now_ns(), FAST if stepped else self._speed)
 
     def _play(self) -> float:
         """Send what is due; return the time until more is [s of the clock]."""

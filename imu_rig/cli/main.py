@@ -26,6 +26,7 @@ from imu_rig.cli import (
     noise,
     protocol,
     record,
+    replay,
     simulate,
     solve,
     verify,
@@ -50,6 +51,7 @@ app.command("solve")(solve.solve)
 app.command("verify")(verify.verify)
 app.command("noise")(noise.noise)
 app.command("record")(record.record)
+app.command("replay")(replay.replay)
 app.command("info")(info.info)
 app.command("export")(export.export)
 app.add_typer(certificate.app, name="certificate")
