@@ -20,6 +20,7 @@ from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, InputError, NameTaken
 if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
     from imu_rig.recorder.setup import DeviceSetup, TrialSetup
+    from imu_rig.recorder.status import RecorderStatus
     from imu_rig.stopping import StopRequest
 
 DEFAULT_OUTPUT = Path("recordings")
@@ -157,24 +158,36 @@ def _record(
     part = session_part(plan.session, plan.subject, datetime.now().astimezone().date())
 
     def attempt(path: Path) -> RecordingOutcome:
-        recorder = Recorder(
-            plan,
-            path,
-            SystemClock(),
-            stop=stop,
-            observe=view.observe,
-            notify=view.notify,
-            wait_s=wait_s,
-        )
+        listens = False
+        with contextlib.ExitStack() as listening:
 
-        def mark(label: str) -> None:
-            recorder.mark(label)
-            view.marked(label)
+            def observe(status: RecorderStatus) -> None:
+                nonlocal listens
+                if not listens:  # from now on there is a file to put markers into
+                    listens = True
+                    keys = listening.enter_context(Keys(mark, stop_by_key))
+                    view.listens_to_keys(on_terminal=keys.by_key)
+                view.observe(status)
 
-        with Keys(mark, lambda: stop.make("Stopped by the key q.")) as keys:
-            if keys.by_key:
-                view.listens_to_keys()
+            def mark(label: str) -> None:
+                recorder.mark(label)
+                view.marked(label)
+
+            recorder = Recorder(
+                plan,
+                path,
+                SystemClock(),
+                stop=stop,
+                observe=observe,
+                notify=view.notify,
+                wait_s=wait_s,
+            )
             return recorder.run()
+
+    def stop_by_key() -> None:
+        if stop.cause is None:
+            view.notify(STOPPING)
+        stop.make("Stopped by the key q.")
 
     with view, stop_on_signals(stop, view.notify, STOPPING), _folder(output, part) as folder:
         for path in free_paths(folder, plan.trial):

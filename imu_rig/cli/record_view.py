@@ -96,9 +96,9 @@ class RecordView:
         """Tell of a marker."""
         self._marker = label or "plain"
 
-    def listens_to_keys(self) -> None:
-        """Tell which keys do what from now on."""
-        self._keys = True
+    def listens_to_keys(self, *, on_terminal: bool) -> None:
+        """Tell from now on which keys do what, where there are keys."""
+        self._keys = on_terminal
 
     def _show(self) -> None:
         from rich.console import Console

@@ -49,7 +49,7 @@ def safe_part(words: str, what: str) -> str:
             f"The {what} {one_line(words, 60)!r} has nothing that a file's name may begin with: "
             "take one with a letter or a digit."
         )
-    return f"{text}_" if _RESERVED.match(text) else text
+    return f"_{text}" if _RESERVED.match(text) else text
 
 
 def session_part(session: str, subject: str, today: date) -> str:
