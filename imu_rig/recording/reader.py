@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from firmware_protocols.layout import LayoutError, PacketLayout
-from imu_rig.arrays import BoolArray, IntArray
+from imu_rig.arrays import BoolArray, ByteArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import DataError, InputError
@@ -29,7 +29,7 @@ from imu_rig.recording.format import (
     encode_json,
 )
 from imu_rig.recording.missing import Cause, missing_samples
-from imu_rig.recording.scan import Damage, Records, scan_records
+from imu_rig.recording.scan import Damage, Records, anywhere, scan_records
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -225,14 +225,13 @@ class Trial:
         number = self.source(name).id
         records = self.records
         rows = np.flatnonzero((records.kind == _WIRE_KIND[direction]) & (records.source == number))
-        data = bytearray()
-        for _, piece, starts, stops in self._pieces(rows):
-            data += b"".join(map(piece.__getitem__, map(slice, starts, stops)))
+        lengths = records.length[rows].astype(np.int64)
+        stops = np.cumsum(lengths)
+        data = np.empty(int(stops[-1]) if len(stops) else 0, np.uint8)
+        for chosen, piece, starts in self._pieces(rows):
+            _place(piece, starts, lengths[chosen], data, (stops - lengths)[chosen])
         return Wire(
-            bytes(data),
-            records.time_ns[rows] / NS_PER_S,
-            np.cumsum(records.length[rows], dtype=np.int64),
-            self._breaks(rows, number),
+            data.tobytes(), records.time_ns[rows] / NS_PER_S, stops, self._breaks(rows, number)
         )
 
     def imu(self, name: str, *, calibrated: bool = False) -> ImuBlock:
@@ -418,12 +417,15 @@ class Trial:
 
     def _payloads(self, rows: IntArray) -> Iterator[tuple[int, bytes]]:
         """Yield the payloads of ``rows`` with their row numbers."""
-        for numbers, piece, starts, stops in self._pieces(rows):
-            for row, start, stop in zip(numbers, starts, stops, strict=True):
+        lengths = self.records.length[rows].astype(np.int64)
+        for chosen, piece, starts in self._pieces(rows):
+            stops = starts + lengths[chosen]
+            places = zip(rows[chosen].tolist(), starts.tolist(), stops.tolist(), strict=True)
+            for row, start, stop in places:
                 yield row, piece[start:stop]
 
-    def _pieces(self, rows: IntArray) -> Iterator[tuple[list[int], bytes, list[int], list[int]]]:
-        """Read the file in few large pieces: row numbers, piece, and where payloads lie in it."""
+    def _pieces(self, rows: IntArray) -> Iterator[tuple[slice, bytes, IntArray]]:
+        """Read the file in few large pieces: which rows, piece, and where payloads begin in it."""
         start = self.records.offset[rows]
         stop = start + self.records.length[rows]
         with self.path.open("rb", buffering=0) as file:
@@ -431,13 +433,17 @@ class Trial:
                 base = int(start[first])
                 file.seek(base)
                 piece = _read_exactly(file.read, int(stop[last - 1]) - base, self.path)
-                chosen = slice(first, last)
-                yield (
-                    rows[chosen].tolist(),
-                    piece,
-                    (start[chosen] - base).tolist(),
-                    (stop[chosen] - base).tolist(),
-                )
+                yield slice(first, last), piece, start[first:last] - base
+
+
+def _place(
+    piece: bytes, starts: IntArray, lengths: IntArray, data: ByteArray, places: IntArray
+) -> None:
+    """Copy the ``lengths`` bytes from each of ``starts`` of a piece to ``places`` of the data."""
+    source = np.frombuffer(piece, np.uint8)
+    for length in np.unique(lengths[lengths > 0]).tolist():
+        same = lengths == length
+        anywhere(data, length)[places[same]] = anywhere(source, length)[starts[same]]
 
 
 def _spans(start: IntArray, end: IntArray) -> Iterator[tuple[int, int]]:

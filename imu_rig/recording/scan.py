@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from imu_rig.arrays import AnyArray, BoolArray, IntArray, StructArray
+from imu_rig.arrays import AnyArray, BoolArray, ByteArray, IntArray, StructArray
 from imu_rig.recording.format import (
     CRC_SIZE,
     MAX_PAYLOAD,
@@ -34,7 +34,6 @@ _ROW_LENGTHS = (32, 64, 96)  # longer payloads: one call of zlib each is as fast
 _ROWS_WORTH_IT = 256
 
 _U32Array = npt.NDArray[np.uint32]
-_ByteArray = npt.NDArray[np.uint8]
 
 _HEAD = np.dtype(
     [
@@ -227,7 +226,7 @@ def _fill(file: BinaryIO, view: memoryview) -> int:
     return filled
 
 
-def _scan_window(window: _ByteArray, seed: int, last: bool) -> tuple[Records, int]:
+def _scan_window(window: ByteArray, seed: int, last: bool) -> tuple[Records, int]:
     """Return the records that end in ``window`` and how many of its bytes are dealt with."""
     size = len(window)
     if size < RECORD_OVERHEAD:
@@ -235,10 +234,13 @@ def _scan_window(window: _ByteArray, seed: int, last: bool) -> tuple[Records, in
     start, heads = _find_heads(window, seed)
     crc_at = start + RECORD_HEAD_SIZE + heads["length"]
     end = crc_at + (RECORD_OVERHEAD - RECORD_HEAD_SIZE)
-    sound = end <= size
-    cut = start[~sound]
-    sound[sound] = _payloads_sound(window, heads[sound], crc_at[sound])
-    start, heads, end = _without_nested(start[sound], heads[sound], end[sound])
+    whole = end <= size
+    cut = start[~whole]
+    start, heads = _chosen(start, whole), _chosen(heads, whole)
+    crc_at, end = _chosen(crc_at, whole), _chosen(end, whole)
+    sound = _payloads_sound(window, heads, crc_at)
+    start, heads, end = _chosen(start, sound), _chosen(heads, sound), _chosen(end, sound)
+    start, heads, end = _without_nested(start, heads, end)
     waiting = _first_outside(cut, start, end)
     if waiting is not None and not last:
         before = start < waiting
@@ -248,22 +250,23 @@ def _scan_window(window: _ByteArray, seed: int, last: bool) -> tuple[Records, in
     return _columns(start, heads), done
 
 
-def _find_heads(window: _ByteArray, seed: int) -> tuple[IntArray, StructArray]:
+def _find_heads(window: ByteArray, seed: int) -> tuple[IntArray, StructArray]:
     """Return every place where a sound record head stands, and the heads."""
     places = np.flatnonzero(window[: 1 - RECORD_HEAD_SIZE] == SYNC[0])
     places = places[window[places + 1] == SYNC[1]]
     heads = _gather(window, places, _HEAD)
-    covered = np.full(len(places), RECORD_HEAD_SIZE - len(SYNC) - CRC_SIZE)
-    seeds = np.full(len(places), seed, np.uint32)
-    crc = _crc32_before(window, places + (RECORD_HEAD_SIZE - CRC_SIZE), covered, seeds)
+    covered = heads.view(np.uint8).reshape(-1, RECORD_HEAD_SIZE)[:, len(SYNC) : -CRC_SIZE]
+    crc = np.full(len(places), zlib.crc32(bytes(covered.shape[1]), seed), np.uint32)
+    _add_crc32(crc, covered)
     sound = (crc == heads["head_crc"]) & (heads["length"] <= MAX_PAYLOAD)
     # Records side by side fit in the window once. A file made to hold heads within heads within
     # heads would cost hours of checksums, so there is an end to them.
-    sound[sound] = np.cumsum(heads["length"][sound], dtype=np.int64) <= _MAX_OVERLAP * WINDOW_BYTES
-    return places[sound], heads[sound]
+    asked = np.cumsum(heads["length"] * sound, dtype=np.int64)
+    sound &= asked <= _MAX_OVERLAP * WINDOW_BYTES
+    return _chosen(places, sound), _chosen(heads, sound)
 
 
-def _payloads_sound(window: _ByteArray, heads: StructArray, crc_at: IntArray) -> BoolArray:
+def _payloads_sound(window: ByteArray, heads: StructArray, crc_at: IntArray) -> BoolArray:
     """Return which records have a sound payload; all must lie inside the window."""
     length = heads["length"].astype(np.int64)
     seeds = heads["head_crc"].copy()
@@ -273,7 +276,10 @@ def _payloads_sound(window: _ByteArray, heads: StructArray, crc_at: IntArray) ->
     for longest in _ROW_LENGTHS:
         fits = (length >= shortest) & (length <= longest) & (crc_at >= longest)
         rows = np.flatnonzero(fits)
-        if len(rows) >= _ROWS_WORTH_IT:
+        if len(rows) == len(heads):
+            crc = _crc32_before(window, crc_at, length, seeds)
+            one_by_one[:] = False
+        elif len(rows) >= _ROWS_WORTH_IT:
             crc[rows] = _crc32_before(window, crc_at[rows], length[rows], seeds[rows])
             one_by_one[rows] = False
         shortest = longest + 1
@@ -285,6 +291,11 @@ def _payloads_sound(window: _ByteArray, heads: StructArray, crc_at: IntArray) ->
         for start, end, seed in zip(starts, ends, seeds[one_by_one].tolist(), strict=True)
     ]
     return np.asarray(crc == _gather(window, crc_at, np.dtype("<u4")), bool)
+
+
+def _chosen(rows: AnyArray, flags: BoolArray) -> AnyArray:
+    """Return the rows that are flagged, without a copy where all are: a mask costs much."""
+    return rows if flags.all() else rows[flags]
 
 
 def _without_nested(
@@ -336,15 +347,22 @@ def _columns(start: IntArray, heads: StructArray) -> Records:
     )
 
 
-def _gather(window: _ByteArray, places: IntArray, dtype: np.dtype[Any]) -> AnyArray:
+def _gather(window: ByteArray, places: IntArray, dtype: np.dtype[Any]) -> AnyArray:
     """Return the items of ``dtype`` that begin at ``places``, aligned or not."""
-    shape = (max(0, len(window) - dtype.itemsize + 1),)
-    anywhere: AnyArray = np.ndarray(shape, dtype, window, strides=(1,))
-    return anywhere[places]
+    found: AnyArray = anywhere(window, dtype.itemsize)[places].view(dtype)
+    return found
+
+
+def anywhere(data: ByteArray, size: int) -> AnyArray:
+    """Return the ``size`` bytes from every byte of ``data`` on, as one item each.
+
+    Items of no type are copied whole, which is several times as fast as field by field.
+    """
+    return np.ndarray((max(0, len(data) - size + 1),), f"V{size}", data, strides=(1,))
 
 
 def _crc32_before(
-    window: _ByteArray, ends: IntArray, lengths: IntArray, seeds: _U32Array
+    window: ByteArray, ends: IntArray, lengths: IntArray, seeds: _U32Array
 ) -> _U32Array:
     """CRC-32 of the ``lengths`` bytes that stand before each of ``ends``, from its seed.
 
@@ -364,11 +382,18 @@ def _crc32_before(
         rows[np.arange(len(ends))[:, np.newaxis], first + np.arange(_SEED_SIZE)] ^= seed_bytes
     else:
         rows[:, :_SEED_SIZE] ^= seed_bytes
-    tables, of_zeros = _crc32_tables()
-    crc = of_zeros[lengths]
-    for following, column in enumerate(np.ascontiguousarray(rows.T)[::-1]):
-        crc ^= tables[following].take(column)
+    crc = _crc32_tables()[1][lengths]
+    _add_crc32(crc, rows)
     return crc
+
+
+def _add_crc32(crc: _U32Array, rows: ByteArray) -> None:
+    """Add what the bytes of ``rows``, shape (n, width), make of the CRC of as many zeros."""
+    tables, _ = _crc32_tables()
+    added = np.empty_like(crc)
+    for following, column in enumerate(rows.T[::-1]):
+        tables[following].take(column, out=added, mode="wrap")  # checked bounds take a copy
+        crc ^= added
 
 
 @functools.cache
