@@ -73,19 +73,20 @@ class KnownOptions:
 def read_with_facts(
     file: Path, columns: ColumnMap, method: str, options: KnownOptions
 ) -> tuple[ImuBlock, Known]:
-    """Read a table, with the parts that a column of it names.
+    """Read a table with the parts that a column of it names, or another program's recording.
 
     Parts are cut out and put together, so that rests found without them would run on from one
     into the next. Only the method for faces and turns insists on names that it knows.
     """
     from dataclasses import replace
 
+    from imu_rig.importing.formats import is_table, read_imu
     from imu_rig.importing.parts import has_known_parts, has_parts, read_annotated
-    from imu_rig.importing.read_table import read_table
 
     named = has_parts if method == "ferraris" else has_known_parts
-    if options.parts is None and method in TAKES_PARTS and named(file, columns):
+    may_name = options.parts is None and method in TAKES_PARTS and is_table(file, columns)
+    if may_name and named(file, columns):
         block, parts = read_annotated(file, columns)
         return block, replace(options.facts(block), parts=parts)
-    block = read_table(file, columns)
+    block = read_imu(file, columns)
     return block, options.facts(block)

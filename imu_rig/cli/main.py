@@ -22,6 +22,7 @@ from imu_rig.cli import (
     certificate,
     demo,
     export,
+    import_,
     info,
     noise,
     protocol,
@@ -54,6 +55,7 @@ app.command("record")(record.record)
 app.command("replay")(replay.replay)
 app.command("info")(info.info)
 app.command("export")(export.export)
+app.command("import")(import_.import_)
 app.add_typer(certificate.app, name="certificate")
 app.add_typer(protocol.app, name="protocol")
 app.add_typer(simulate.app, name="simulate")

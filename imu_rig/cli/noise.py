@@ -90,9 +90,7 @@ def noise(
         block, digest = trial.imu_in_time(source), trial.sha256
         device = DeviceInfo(name=name or source, serial=serial)
     else:
-        if sensor is not None:
-            raise InputError(f"{file} is a table and holds one sensor: leave --sensor out.")
-        block, digest = read_block(file, table)
+        block, digest = read_block(file, table, sensor)
         device = DeviceInfo(name=name or file.stem, serial=serial)
     try:
         analysis = analyse_noise(

@@ -1,4 +1,4 @@
-"""Recordings that a command is given: a trial file, or a table with options that explain it."""
+"""Recordings that a command is given: a trial file, a table with options, another's format."""
 
 from __future__ import annotations
 
@@ -86,19 +86,21 @@ def _refuse_certificate(file: Path) -> None:
         )
 
 
-def read_block(file: Path, table: TableOptions) -> tuple[ImuBlock, str]:
-    """Read a table; return its samples and the SHA-256 of the file."""
-    from imu_rig.importing.read_table import read_table
+def read_block(file: Path, table: TableOptions, sensor: str | None = None) -> tuple[ImuBlock, str]:
+    """Read a table or another program's recording; return its samples and its SHA-256."""
+    from imu_rig.importing.formats import read_imu
 
-    return read_table(file, table.column_map()), digest_of(file)
+    return read_imu(file, table.column_map(), sensor), digest_of(file)
 
 
 def digest_of(file: Path) -> str:
-    """Return the SHA-256 of a file."""
+    """Return the SHA-256 of a file; of a folder, that of its files' in the order of their names."""
     import hashlib
 
-    try:
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}.") from error
+    from imu_rig.importing.formats import files_of
+    from imu_rig.importing.trial_file import file_digest
+
+    if not file.is_dir():
+        return file_digest(file)
+    digests = [file_digest(inside) for inside in files_of(file)]
+    return hashlib.sha256("".join(digests).encode()).hexdigest()

@@ -77,7 +77,7 @@ def solve(
     from imu_rig.calibration.result import DeviceInfo
     from imu_rig.calibration.solve import solve as solve_block
     from imu_rig.cli import sessions
-    from imu_rig.importing.read_table import stated_units
+    from imu_rig.importing.formats import stated_units
 
     local_gravity = gravity_from(gravity, latitude, height)
     table = TableOptions(

@@ -20,6 +20,7 @@ from imu_rig.validation import sentence
 SAMPLES = "samples"
 """The time unit of a column that counts samples; it needs the rate."""
 MAXIMUM_MAP_BYTES = 100_000
+MOST_SENSORS = 100
 
 
 def _split(value: Any) -> Any:
@@ -29,6 +30,20 @@ def _split(value: Any) -> Any:
 ColumnRef = StrictStr | StrictInt
 """A column's name or its number from 1; a leading minus turns its sign."""
 Triple = Annotated[tuple[ColumnRef, ColumnRef, ColumnRef], BeforeValidator(_split)]
+
+
+class SensorColumns(BaseModel):
+    """Columns of one of several sensors in a table; fields as of `ColumnMap`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    accel: Triple | None = None
+    gyro: Triple | None = None
+    mag: Triple | None = None
+    temperature: ColumnRef | None = None
+    accel_unit: str | None = None
+    gyro_unit: str | None = None
+    mag_unit: str | None = None
 
 
 class ColumnMap(BaseModel):
@@ -57,6 +72,9 @@ class ColumnMap(BaseModel):
         Decimal sign.
     skip_rows : int
         Lines to skip before anything is looked at.
+    sensors : dict of SensorColumns
+        Where a table holds several sensors: the columns of each by its name. What a sensor does
+        not say of units, the fields above say for all.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -75,6 +93,29 @@ class ColumnMap(BaseModel):
     delimiter: str | None = None
     decimal: Literal[".", ","] | None = None
     skip_rows: int = Field(default=0, ge=0, le=1_000_000)
+    sensors: dict[StrictStr, SensorColumns] = Field(default={}, max_length=MOST_SENSORS)
+
+    @property
+    def names_columns(self) -> bool:
+        """Whether it says how a table is written or what its columns are."""
+        return bool(self.sensors or self.skip_rows) or any(
+            part is not None
+            for part in (
+                self.columns,
+                self.time,
+                self.accel,
+                self.gyro,
+                self.mag,
+                self.temperature,
+                self.delimiter,
+                self.decimal,
+            )
+        )
+
+    def of_sensor(self, name: str) -> ColumnMap:
+        """Return what it says of one of its sensors."""
+        own = self.sensors[name].model_dump(exclude_none=True)
+        return ColumnMap.model_validate(self.model_dump(exclude={"sensors"}) | own)
 
     def updated(self, **options: Any) -> ColumnMap:
         """Return the map with ``options`` that are not None put over it, checked."""
@@ -141,6 +182,27 @@ def recognize(names: Sequence[str], kind: Kind) -> Triad | None:
     InputError
         More than one set fits.
     """
+    whole = list(recognize_sets(names, kind).values())
+    if len(whole) > 1:
+        shown = "; ".join(
+            ", ".join(f"{names[i]} ({i + 1})" for i in triad.indices) for triad in whole
+        )
+        raise InputError(
+            f"more than one set of columns could be the {kind}: {shown}; say which with "
+            f"--{kind} X,Y,Z, by name or number"
+        )
+    return whole[0] if whole else None
+
+
+def recognize_sets(names: Sequence[str], kind: Kind) -> dict[tuple[str, int], Triad]:
+    """Find all sets of x, y and z columns of one kind of sensor.
+
+    Returns
+    -------
+    dict
+        By what stands before the sensor's word in the names, and by which of several of the same
+        names it is.
+    """
     sets: dict[tuple[str, int], dict[str, tuple[int, str | None]]] = {}
     seen: Counter[tuple[str, str]] = Counter()
     pattern = re.compile(
@@ -162,20 +224,13 @@ def recognize(names: Sequence[str], kind: Kind) -> Triad | None:
         twin = seen[match["prefix"], axis]
         seen[match["prefix"], axis] += 1
         sets.setdefault((match["prefix"], twin), {})[axis] = (index, unit)
-    whole = [found for found in sets.values() if len(found) == 3]
-    if len(whole) > 1:
-        shown = "; ".join(
-            ", ".join(f"{names[found[a][0]]} ({found[a][0] + 1})" for a in "xyz") for found in whole
-        )
-        raise InputError(
-            f"more than one set of columns could be the {kind}: {shown}; say which with "
-            f"--{kind} X,Y,Z, by name or number"
-        )
-    if not whole:
-        return None
-    found = whole[0]
-    x, y, z = (found[axis][0] for axis in "xyz")
-    return Triad((x, y, z), (1.0, 1.0, 1.0), _one_unit([found[a][1] for a in "xyz"], kind))
+    triads = {}
+    for key, found in sets.items():
+        if len(found) == 3:
+            x, y, z = (found[axis][0] for axis in "xyz")
+            unit = _one_unit([found[axis][1] for axis in "xyz"], kind)
+            triads[key] = Triad((x, y, z), (1.0, 1.0, 1.0), unit)
+    return triads
 
 
 def recognize_time(names: Sequence[str]) -> tuple[int, str | None] | None:

@@ -23,6 +23,7 @@ from imu_rig.importing.column_map import (
 )
 from imu_rig.importing.guess import guess_units, refuse_contradiction
 from imu_rig.importing.text_table import Form, detect_form, line_of_row, read_numbers
+from imu_rig.importing.time_column import refuse_going_back, spread_repeated
 from imu_rig.importing.unit_text import Kind, parse_unit
 
 RATE_AGREES = 0.1
@@ -283,14 +284,8 @@ def _times(
                 f"--rate HZ{hint}, or the column with --time"
             )
         return np.arange(count) / rate
-    if np.any(np.diff(column) < 0):
-        row = int(np.argmax(np.diff(column) < 0)) + 1
-        raise InputError(
-            f"{source}, line {line_of_row(source, plan.form, row)}: time goes back "
-            f"({column[row]:.10g} after {column[row - 1]:.10g}); sort the rows or cut the file "
-            "there"
-        )
-    column = _spread_repeated(source, column)
+    refuse_going_back(source, plan.form, column)
+    column = spread_repeated(source, column)
     t = column * _time_factor(source, plan, rate, float(np.median(np.diff(column))))
     measured = 1.0 / float(np.median(np.diff(t)))
     if not USUAL_RATES_HZ[0] <= measured <= USUAL_RATES_HZ[1]:
@@ -304,25 +299,6 @@ def _times(
             f"{measured:.4g} Hz: leave out the rate, or state the unit of time with --time-unit"
         )
     return t
-
-
-def _spread_repeated(source: Path, column: FloatArray) -> FloatArray:
-    """Spread samples that share a time stamp evenly over the time since the one before.
-
-    Devices that send in bursts stamp some samples alike, all with the time of the last.
-    """
-    fresh = np.flatnonzero(np.diff(column) > 0)
-    if len(fresh) == len(column) - 1:
-        return column
-    if not len(fresh):
-        raise InputError(f"{source}: its time column is {column[0]:g} in every row")
-    # The last row of every run keeps its stamp; time between them is straight.
-    last = np.append(fresh, len(column) - 1)
-    spread = np.interp(np.arange(len(column)), last, column[last])
-    first = int(last[0])
-    step = (column[last[-1]] - column[last[0]]) / (last[-1] - last[0])
-    spread[:first] = column[first] - step * np.arange(first, 0, -1)
-    return np.asarray(spread)
 
 
 def _time_factor(source: Path, plan: _Plan, rate: float | None, step: float) -> float:

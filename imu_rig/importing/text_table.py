@@ -24,6 +24,7 @@ COMMENTS = ("#", "%", "//")
 _NUMBER_BEGINS = frozenset("0123456789-")
 JUDGED_LINES = 30
 FEWEST_COLUMNS = 3
+_NUMERALS = {2: "two", 3: "three"}
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,24 @@ class Form:
         return [field.strip().strip('"').strip() for field in fields]
 
 
+def first_lines(path: Path) -> list[str]:
+    """Return the lines that a text file begins with.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, is empty, or is no text.
+    """
+    return _head(path, 0)
+
+
 def detect_form(
-    path: Path, *, delimiter: str | None = None, decimal: str | None = None, skip_rows: int = 0
+    path: Path,
+    *,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    skip_rows: int = 0,
+    fewest: int = FEWEST_COLUMNS,
 ) -> Form:
     """Find out how a table is written from its first lines.
 
@@ -74,6 +91,8 @@ def detect_form(
         ``.`` or ``,``.
     skip_rows : int
         Lines to pass over first.
+    fewest : int
+        Columns of numbers that make a table.
 
     Raises
     ------
@@ -88,9 +107,10 @@ def detect_form(
     tail = [line for _, line in rows[-min(JUDGED_LINES, (len(rows) + 1) // 2) :]]
     best = max(_candidates(delimiter, decimal), key=lambda c: _numbers_per_line(tail, c[0], c[1]))
     form = Form(best[0], best[1], 0, 0, None, ())
-    if _numbers_per_line(tail, *best) < FEWEST_COLUMNS:
+    if _numbers_per_line(tail, *best) < fewest:
         raise InputError(
-            f"{path} holds no table of numbers with three columns or more: {tail[-1][:60]!r}"
+            f"{path} holds no table of numbers with {_NUMERALS[fewest]} columns or more: "
+            f"{tail[-1][:60]!r}"
         )
     counts = Counter(len(form.split(line)) for line in tail)
     columns = counts.most_common(1)[0][0]
@@ -112,14 +132,26 @@ def detect_form(
     return Form(best[0], best[1], first + skip_rows, columns, names, tuple(above))
 
 
-def read_numbers(path: Path, form: Form, wanted: Sequence[int]) -> FloatArray:
+def read_numbers(
+    path: Path, form: Form, wanted: Sequence[int], *, gaps: bool = False
+) -> FloatArray:
     """Read the wanted columns, shape (n, len(wanted)).
+
+    Parameters
+    ----------
+    path : Path
+    form : Form
+        As `detect_form` found it.
+    wanted : sequence of int
+        Columns, from 0.
+    gaps : bool
+        Whether nothing or NaN may stand in a wanted column; both read NaN.
 
     Raises
     ------
     InputError
-        A line with text, nothing, infinity or NaN in a wanted column, or with another number of
-        columns; more than `MAXIMUM_ROWS` rows.
+        A line with text, infinity or (without ``gaps``) nothing or NaN in a wanted column, or
+        with another number of columns; more than `MAXIMUM_ROWS` rows.
     """
     parts: list[FloatArray] = []
     rows = 0
@@ -129,8 +161,10 @@ def read_numbers(path: Path, form: Form, wanted: Sequence[int]) -> FloatArray:
         if not content:
             continue
         numbers = _parse(content, form, wanted)
+        if numbers is None and gaps:
+            numbers = _parse_with_gaps(content, form, wanted)
         if numbers is None:
-            raise InputError(_what_is_wrong(path, form, wanted, lines, first_line))
+            raise InputError(_what_is_wrong(path, form, wanted, lines, first_line, gaps=gaps))
         parts.append(numbers)
         rows += len(numbers)
         if rows > MAXIMUM_ROWS:
@@ -195,8 +229,30 @@ def _parse(lines: list[str], form: Form, wanted: Sequence[int]) -> FloatArray | 
     return numbers if np.all(np.isfinite(numbers)) else None
 
 
+def _parse_with_gaps(lines: list[str], form: Form, wanted: Sequence[int]) -> FloatArray | None:
+    """Parse lines that lack numbers here and there, one by one."""
+    numbers = np.full((len(lines), len(wanted)), np.nan)
+    for i, line in enumerate(lines):
+        fields = form.split(line)
+        if len(fields) != form.columns:
+            return None
+        for place, j in enumerate(wanted):
+            if fields[j]:
+                try:
+                    numbers[i, place] = float(fields[j].replace(form.decimal, "."))
+                except ValueError:
+                    return None
+    return None if np.any(np.isinf(numbers)) else numbers
+
+
 def _what_is_wrong(
-    path: Path, form: Form, wanted: Sequence[int], lines: list[str], first_line: int
+    path: Path,
+    form: Form,
+    wanted: Sequence[int],
+    lines: list[str],
+    first_line: int,
+    *,
+    gaps: bool,
 ) -> str:
     for i, line in enumerate(lines):
         number = first_line + i
@@ -212,6 +268,8 @@ def _what_is_wrong(
             name = form.names[j] if form.names else str(j + 1)
             where = f"{path}, line {number + 1}, column {name}"
             text = fields[j]
+            if gaps and (not text or text.lower() == "nan"):
+                continue
             if not text:
                 return f"{where} is empty; fill it in or delete the line"
             if not _is_number(text, form.decimal):
@@ -270,6 +328,8 @@ def _text(path: Path, data: bytes, first_line: int) -> list[str]:
         return []
     if data.startswith(b"\x1f\x8b") and first_line == 0:
         raise InputError(f"{path} is compressed; decompress it first")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) and first_line == 0:
+        raise InputError(f"{path} is written in UTF-16; save it as UTF-8 text")
     if b"\x00" in data:
         raise InputError(f"{path} is no text table: it holds zero bytes (binary, or UTF-16)")
     try:

@@ -369,7 +369,7 @@ def _use(certificate: Certificate | None, file: str) -> Html:
 
 
 def _reading(recording: str, device: DeviceInfo) -> str:
-    """Python that reads a table."""
+    """Python that reads a recording of another program."""
     units = {
         "accel_unit": device.accel_recorded_unit,
         "gyro_unit": device.gyro_recorded_unit,
@@ -378,9 +378,9 @@ def _reading(recording: str, device: DeviceInfo) -> str:
     stated = ", ".join(f"{name}={unit!r}" for name, unit in units.items() if unit)
     return (
         "from imu_rig.importing.column_map import ColumnMap\n"
-        "from imu_rig.importing.read_table import read_table\n\n"
+        "from imu_rig.importing.formats import read_imu\n\n"
         f"columns = ColumnMap({stated})\n"
-        f"block = read_table({recording!r}, columns)\n"
+        f"block = read_imu({recording!r}, columns)\n"
     )
 
 

@@ -316,7 +316,8 @@ def test_a_torn_last_line_is_named(tmp_path):
         (b"1,2\n3,4\n", "no table of numbers"),
         (b"\x1f\x8b\x08 zipped", "compressed"),
         (b"PK\x03\x04\x00\x00 a spreadsheet", "zero bytes"),
-        ("a,b,c\n1,2,3\n".encode("utf-16"), "zero bytes"),
+        ("a,b,c\n1,2,3\n".encode("utf-16"), "UTF-16"),
+        ("a,b,c\n1,2,3\n".encode("utf-16-le"), "zero bytes"),
         (b"ax,ay,az\n1,2,3\n", "only 1 rows"),
     ],
 )
