@@ -22,10 +22,18 @@ PATIENCE_S = 5.0
 DEG = np.pi / 180
 
 
-@pytest.fixture(params=["pty", "tcp"])
-def devices(request) -> Iterator[ServedDevices]:
-    with ServedDevices(transport=request.param) as served:
+@pytest.fixture
+def transport() -> str:
+    return "pty"
+
+
+@pytest.fixture
+def devices(transport) -> Iterator[ServedDevices]:
+    with ServedDevices(transport=transport) as served:
         yield served
+
+
+both_transports = pytest.mark.parametrize("transport", ["pty", "tcp"])
 
 
 class Listener:
@@ -58,6 +66,7 @@ def decoded(layout: PacketLayout, data: bytes) -> np.ndarray:
     return StreamDecoder(layout).feed(data).rows
 
 
+@both_transports
 def test_everything_sent_arrives_and_is_counted(devices):
     url = devices.add("left shoe", IMU, 400.0)
     with Listener(url, IMU) as client:
@@ -79,6 +88,7 @@ def test_nobody_connected_is_nothing_sent(devices):
     assert devices.counters("shoe") == []
 
 
+@both_transports
 def test_an_unplugged_device_counts_on_and_comes_back_under_the_same_name(devices):
     url = devices.add("shoe", IMU, 400.0)
     with Listener(url, IMU) as client:
