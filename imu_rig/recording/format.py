@@ -4,6 +4,7 @@ import enum
 import json
 import struct
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,25 +145,40 @@ def _decode_copy(copy: bytes) -> FileHeader | None:
     return FileHeader(file_id, created, version, size)
 
 
-def encode_record(
-    seed: int, kind: int, source: int, sequence: int, time_ns: int, payload: bytes
+def encode_records(
+    seed: int, first_sequence: int, records: Iterable[tuple[int, int, int, bytes]]
 ) -> bytes:
-    """Return one record.
+    """Return records that follow each other.
 
     Parameters
     ----------
     seed : int
-        ``FileHeader.seed`` of the file the record is for.
-    kind, source, sequence, time_ns : int
-        Fields of the head: trial time is in ns since the trial's start.
-    payload : bytes
-        At most ``MAX_PAYLOAD`` bytes.
+        ``FileHeader.seed`` of the file they are for.
+    first_sequence : int
+        Number of the first.
+    records : iterable
+        Kind, source, trial time [ns] and payload, at most ``MAX_PAYLOAD`` bytes, of each.
     """
-    fields = _RECORD_FIELDS.pack(kind, source, len(payload), sequence, time_ns)
-    head_crc = zlib.crc32(fields, seed)
-    # The second checksum goes on from the first, which ties the payload to its head.
-    crc = zlib.crc32(payload, head_crc)
-    return b"".join((SYNC, fields, _CRC.pack(head_crc), payload, _CRC.pack(crc)))
+    parts: list[bytes] = []
+    add = parts.append
+    pack_fields, pack_crc, crc32 = _RECORD_FIELDS.pack, _CRC.pack, zlib.crc32
+    for sequence, (kind, source, time_ns, payload) in enumerate(records, first_sequence):
+        fields = pack_fields(kind, source, len(payload), sequence, time_ns)
+        head_crc = crc32(fields, seed)
+        add(SYNC)
+        add(fields)
+        add(pack_crc(head_crc))
+        add(payload)
+        # The second checksum goes on from the first, which ties the payload to its head.
+        add(pack_crc(crc32(payload, head_crc)))
+    return b"".join(parts)
+
+
+def encode_record(
+    seed: int, kind: int, source: int, sequence: int, time_ns: int, payload: bytes
+) -> bytes:
+    """Return one record; parameters as for :func:`encode_records`."""
+    return encode_records(seed, sequence, [(kind, source, time_ns, payload)])
 
 
 def encode_json(value: Any, what: str) -> bytes:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from operator import sub
 
 from imu_rig.clock import NS_PER_S
 
@@ -39,30 +40,46 @@ class Latency:
 
 
 class LatencyCounts:
-    """A histogram of times on a logarithmic scale; one thread adds, any may look."""
+    """A histogram of times on a logarithmic scale, in all and since the latest look at it."""
 
     def __init__(self) -> None:
         self._counts = [0] * (len(_UPPER_NS) + 1)
         self._max_ns = 0
+        self._counts_before = list(self._counts)
+        self._latest_max_ns = 0
 
-    def add(self, latencies_ns: Iterable[int]) -> None:
+    def add(self, latencies_ns: Sequence[int]) -> None:
         """Count some times [ns]."""
+        if not latencies_ns:
+            return
         counts = self._counts
         for latency_ns in latencies_ns:
             counts[bisect_left(_UPPER_NS, latency_ns)] += 1
-            if latency_ns > self._max_ns:
-                self._max_ns = latency_ns
+        self._latest_max_ns = max(self._latest_max_ns, *latencies_ns)
+        self._max_ns = max(self._max_ns, self._latest_max_ns)
 
     def summary(self) -> Latency:
         """Return what was counted so far."""
-        up_to = list(accumulate(self._counts))
-        records = up_to[-1]
-        if not records:
-            return Latency()
+        return _summary(self._counts, self._max_ns)
 
-        def percentile_s(share: float) -> float:
-            step = bisect_left(up_to, share * records)
-            upper_ns = _UPPER_NS[step] if step < len(_UPPER_NS) else self._max_ns
-            return min(upper_ns, self._max_ns) / NS_PER_S
+    def take_latest(self) -> Latency:
+        """Return what was counted since the last call; for the thread that adds."""
+        latest = list(map(sub, self._counts, self._counts_before))
+        taken = _summary(latest, self._latest_max_ns)
+        self._counts_before = list(self._counts)
+        self._latest_max_ns = 0
+        return taken
 
-        return Latency(records, percentile_s(0.5), percentile_s(0.99), self._max_ns / NS_PER_S)
+
+def _summary(counts: list[int], max_ns: int) -> Latency:
+    up_to = list(accumulate(counts))
+    records = up_to[-1]
+    if not records:
+        return Latency()
+
+    def percentile_s(share: float) -> float:
+        step = bisect_left(up_to, share * records)
+        upper_ns = _UPPER_NS[step] if step < len(_UPPER_NS) else max_ns
+        return min(upper_ns, max_ns) / NS_PER_S
+
+    return Latency(records, percentile_s(0.5), percentile_s(0.99), max_ns / NS_PER_S)

@@ -5,22 +5,26 @@ system call that wrote it has returned: from then on a killed program cannot los
 next sync, at most ``sync_s`` later, a power cut cannot either.
 """
 
+import contextlib
 import errno
 import os
 import queue
 import threading
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from imu_rig.errors import StorageError
-from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, Kind, encode_record
+from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, Kind, encode_records
 from imu_rig.recording.latency import Latency, LatencyCounts
 from imu_rig.recording.storage import DISK_FULL, FileSystem, OsFileSystem
 
 Entry = tuple[int, int, int, bytes]  # kind, source, trial time [ns], payload
+Item = Entry | threading.Event | None  # a record, a mark to set when passed, or the end
 
+_BYTES_IN = int(Kind.BYTES_IN)  # members of an enumeration are slow to compare and to hash
 _JOINED_WRITE_BYTES = 1 << 16
 _RESERVE_BYTES = 1 << 20  # room in the queue that is kept for events and the like
 
@@ -38,6 +42,8 @@ class RecordingOptions:
         Free space without which no recording starts [bytes].
     planned_bytes : int
         Expected size of the recording [bytes]; twice that is asked for on top of the reserve.
+    join_s : float
+        How long records wait for others after a write, so that they share the next one [s].
     sync_s : float
         Time between waits for the disk, so the most a power cut can take [s].
     note_s : float
@@ -53,6 +59,7 @@ class RecordingOptions:
     queue_bytes: int = 4 << 20
     reserve_bytes: int = 100_000_000
     planned_bytes: int = 0
+    join_s: float = 0.008
     sync_s: float = 1.0
     note_s: float = 1.0
     close_s: float = 10.0
@@ -63,6 +70,14 @@ class RecordingOptions:
     def needed_bytes(self) -> int:
         """Free space asked for before the start [bytes]."""
         return self.reserve_bytes + 2 * self.planned_bytes
+
+
+@dataclass(slots=True)
+class Count:
+    """Records of one kind and source, and the bytes of their payloads."""
+
+    records: int = 0
+    bytes: int = 0
 
 
 class RecordLog:
@@ -81,7 +96,7 @@ class RecordLog:
     synced_offset : int
         Part of ``offset`` that is known to be on the disk [bytes].
     counts : dict
-        ``(kind, source)`` to acknowledged records and payload bytes.
+        ``(kind, source)`` to the count of acknowledged records.
     """
 
     def __init__(
@@ -100,7 +115,7 @@ class RecordLog:
         self.offset = offset
         self.written = 0
         self.synced_offset = 0
-        self.counts: dict[tuple[int, int], tuple[int, int]] = {}
+        self.counts: defaultdict[tuple[int, int], Count] = defaultdict(Count)
         self.path = path
         self._descriptor = descriptor
         self._seed = seed
@@ -108,7 +123,12 @@ class RecordLog:
         self._options = options
         self._now_ns = now_ns
         self._on_error = on_error
-        self._queue: queue.SimpleQueue[Entry | threading.Event | None] = queue.SimpleQueue()
+        self._room = options.queue_bytes
+        self._enough = min(_JOINED_WRITE_BYTES, options.queue_bytes // 2)  # to be written at once
+        self._waiting: deque[Item] = deque()
+        self._idle = False  # the writing thread waits for the first record
+        self._hurried = False  # somebody waits for what is queued, or there is enough of it
+        self._bell: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._refused = 0  # counted by whoever calls put
         self._given_up = 0  # counted by the writing thread
         self._put_bytes = 0
@@ -116,10 +136,10 @@ class RecordLog:
         self._peak_bytes = 0
         self._slowest_write_ns = 0
         self._latency = LatencyCounts()
-        self._latest_latency = LatencyCounts()
         self._error: StorageError | None = None
         self._end_reason: str | None = None
-        self._torn = False
+        self._sync_failed = False
+        self._torn_bytes = 0  # of a failed write, where the file could not be cut back either
         self._error_lock = threading.Lock()
         self._periodic: Callable[[], list[Entry]] = list
         self._last: Callable[[], list[Entry]] = list
@@ -161,10 +181,9 @@ class RecordLog:
         peaks = (
             max(self._peak_bytes, self.queued_bytes),
             self._slowest_write_ns / 1e9,
-            self._latest_latency.summary(),
+            self._latency.take_latest(),
         )
         self._peak_bytes = self._slowest_write_ns = 0
-        self._latest_latency = LatencyCounts()
         return peaks
 
     def write_first(self, start: bytes, entries: list[Entry]) -> None:
@@ -198,29 +217,36 @@ class RecordLog:
         reserve : bool
             Whether it may use the room kept for what matters more than one packet.
         """
-        if self._error is not None or not self.has_room(entry, reserve=reserve):
+        size = RECORD_OVERHEAD + len(entry[3])
+        queued = self._put_bytes - self._taken_bytes + size
+        room = self._room + _RESERVE_BYTES if reserve else self._room
+        if queued > room or self._error is not None:
             self._refused += 1
             return False
-        self._put_bytes += RECORD_OVERHEAD + len(entry[3])
-        self._queue.put(entry)
+        self._put_bytes += size
+        self._waiting.append(entry)
+        # The writing thread says that it is idle before it looks for records a last time.
+        if self._idle or (queued >= self._enough and not self._hurried):
+            self._hurry()
         return True
 
-    def has_room(self, entry: Entry, *, reserve: bool = False) -> bool:
-        """Whether ``put`` with the same arguments would find room in the queue."""
-        room = self._options.queue_bytes + (_RESERVE_BYTES if reserve else 0)
-        return self.queued_bytes + RECORD_OVERHEAD + len(entry[3]) <= room
+    def has_room(self, entry: Entry) -> bool:
+        """Whether ``put`` would find room in the queue."""
+        return self.queued_bytes + RECORD_OVERHEAD + len(entry[3]) <= self._room
 
     def flush(self, timeout_s: float) -> bool:
         """Wait until all that was handed in before is written or given up; False if it is not."""
         passed = threading.Event()
-        self._queue.put(passed)
+        self._waiting.append(passed)
+        self._hurry()
         return passed.wait(timeout_s) if self._writer.is_alive() else passed.is_set()
 
     def close(self, last: Callable[[], list[Entry]]) -> None:
         """Write what is queued and then the ``last`` records, wait for the disk and close."""
         if self._writer.is_alive():
             self._last = last
-            self._queue.put(None)
+            self._waiting.append(None)
+            self._hurry()
             self._writer.join(self._options.close_s)
         if self._writer.is_alive():
             self._fail(
@@ -265,35 +291,53 @@ class RecordLog:
 
     def _turn(self) -> bool:
         """Write what is waiting; return whether to go on."""
-        going_on = True
+        items = self._take()
+        self._peak_bytes = max(self._peak_bytes, self.queued_bytes)
         batch: list[Entry] = []
-        passed = None
         size = 0
-        try:
-            item = self._queue.get(timeout=max(0.0, self._due - time.monotonic()))
-            while True:
-                if item is None:
-                    going_on = False
-                    break
-                if isinstance(item, threading.Event):
-                    passed = item
-                    break
+        for item in items:
+            if isinstance(item, tuple):
                 batch.append(item)
                 size += RECORD_OVERHEAD + len(item[3])
-                if size >= _JOINED_WRITE_BYTES or self._queue.empty():
-                    break
-                item = self._queue.get()
-        except queue.Empty:
-            pass
-        self._peak_bytes = max(self._peak_bytes, self.queued_bytes)
+                if size < _JOINED_WRITE_BYTES:
+                    continue
+            self._write(batch)
+            self._taken_bytes += size
+            batch, size = [], 0
+            if item is None:
+                return False
+            if isinstance(item, threading.Event):
+                item.set()
         if time.monotonic() >= self._due:
             batch += self._periodic()
             self._due = time.monotonic() + self._options.note_s
         self._write(batch)
         self._taken_bytes += size
-        if passed is not None:
-            passed.set()
-        return going_on
+        return True
+
+    def _take(self) -> list[Item]:
+        """Wait for something to write, but not beyond the next notes, and take all there is.
+
+        Waking up costs more than writing a record does. So after a write a few records may come
+        together, unless somebody waits for them.
+        """
+        if not self._hurried:
+            self._await_bell(self._options.join_s)
+        self._idle = True
+        if not self._waiting:
+            self._await_bell(self._due - time.monotonic())
+        self._idle = self._hurried = False
+        take = self._waiting.popleft
+        return [take() for _ in range(len(self._waiting))]
+
+    def _hurry(self) -> None:
+        self._idle = False
+        self._hurried = True
+        self._bell.put(None)
+
+    def _await_bell(self, seconds: float) -> None:
+        with contextlib.suppress(queue.Empty):
+            self._bell.get(timeout=max(0.0, seconds))
 
     def _write(self, entries: list[Entry], start: bytes = b"") -> None:
         """Append records with one system call; all of them count, or none."""
@@ -311,23 +355,19 @@ class RecordLog:
     def _commit(self, entries: list[Entry], start: bytes = b"") -> OSError | None:
         if not entries:
             return None
-        block = start + b"".join(
-            [
-                encode_record(self._seed, kind, source, sequence, time_ns, payload)
-                for sequence, (kind, source, time_ns, payload) in enumerate(entries, self.sequence)
-            ]
-        )
-        problem = self._append(block)
-        if problem is None:
+        problem = self._append(start + encode_records(self._seed, self.sequence, entries))
+        if problem is not None:
+            if self._torn_bytes:  # some of these may stand there whole, so their numbers are taken
+                self.sequence += len(entries)
+        else:
             self.sequence += len(entries)
             self.written += len(entries)
             for kind, source, _, payload in entries:
-                records, size = self.counts.get((kind, source), (0, 0))
-                self.counts[kind, source] = records + 1, size + len(payload)
+                count = self.counts[kind, source]
+                count.records += 1
+                count.bytes += len(payload)
             now_ns = self._now_ns()
-            latencies = [now_ns - entry[2] for entry in entries if entry[0] == Kind.BYTES_IN]
-            self._latency.add(latencies)
-            self._latest_latency.add(latencies)
+            self._latency.add([now_ns - entry[2] for entry in entries if entry[0] == _BYTES_IN])
         return problem
 
     def _append(self, block: bytes) -> OSError | None:
@@ -342,20 +382,22 @@ class RecordLog:
             problem = error
         self._slowest_write_ns = max(self._slowest_write_ns, time.monotonic_ns() - before)
         if problem is None:
-            self.offset += len(block)
+            self.offset += self._torn_bytes + len(block)
+            self._torn_bytes = 0
             return None
         try:
             self._file_system.ftruncate(self._descriptor, self.offset)
+            self._torn_bytes = 0
         except OSError:
-            self._torn = True  # readers skip the piece; nothing may follow it
+            self._torn_bytes = os.fstat(self._descriptor).st_size - self.offset
         return problem
 
-    def _fail_on(self, problem: OSError) -> None:
+    def _fail_on(self, problem: OSError, kept: str = "which are kept") -> None:
         full = problem.errno in DISK_FULL
         state, advice = ("is full", "free some space") if full else ("fails", "check the disk")
         self._fail(
             f"The disk of {self.path} {state} ({problem.strerror}); the recording stopped after "
-            f"{self.sequence} records, which are kept; {advice} and continue it.",
+            f"{self.sequence} records, {kept}; {advice} and continue it.",
             "disk_full" if full else "storage_failed",
         )
 
@@ -370,10 +412,9 @@ class RecordLog:
 
     def _finish(self) -> None:
         # After a failure too: cutting the file back often leaves room for one small record.
-        if not self._torn:
-            problem = self._commit(self._last())
-            if problem is not None:
-                self._fail_on(problem)
+        problem = self._commit(self._last())
+        if problem is not None:
+            self._fail_on(problem)
         self._stop_sync.set()
         self._syncer.join()
         self._sync()
@@ -390,6 +431,9 @@ class RecordLog:
         try:
             self._file_system.fdatasync(self._descriptor)
         except OSError as error:
-            self._fail_on(error)
+            # A system says once that it dropped what it could not keep, and then that all is well.
+            self._sync_failed = True
+            self._fail_on(error, f"of which the first {self.synced_offset} bytes are safe")
         else:
-            self.synced_offset = offset
+            if not self._sync_failed:
+                self.synced_offset = offset

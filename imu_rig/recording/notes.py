@@ -53,10 +53,11 @@ def end(log: RecordLog, sources: Collection[Source], reason: str, time_ns: int) 
     """Return the record that ends a trial; what the disk did outweighs ``reason``."""
     names = {source.id: source.name for source in sources}
     wires: dict[str, dict[str, int]] = {}
-    for (kind, number), (records, size) in sorted(log.counts.items()):
+    for kind, number in sorted(log.counts):
         if direction := _WIRE_NAMES.get(Kind(kind)):
+            count = log.counts[kind, number]
             counts = wires.setdefault(names.get(number, f"source-{number}"), {})
-            counts |= {f"records_{direction}": records, f"bytes_{direction}": size}
+            counts |= {f"records_{direction}": count.records, f"bytes_{direction}": count.bytes}
     value = {"reason": log.end_reason or reason, **_totals(log), "sources": wires}
     return Kind.END, TRIAL, time_ns, encode_json(value, "The end")
 

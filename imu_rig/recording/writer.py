@@ -43,6 +43,10 @@ from imu_rig.recording.storage import (
     sync_folder,
 )
 
+# Members of an enumeration are slow to compare and to hash.
+_BYTES_IN = int(Kind.BYTES_IN)
+_BYTES_OUT = int(Kind.BYTES_OUT)
+
 
 class TrialWriter:
     """Records one trial; made by :meth:`create` or :meth:`append`.
@@ -316,11 +320,11 @@ class TrialWriter:
         data : bytes
             All of it.
         """
-        self._wire(Kind.BYTES_IN, source, t_ns, data)
+        self._wire(_BYTES_IN, source, t_ns, data)
 
     def bytes_out(self, source: int, t_ns: int, data: bytes) -> None:
         """Record what a source was sent; parameters as for :meth:`bytes_in`."""
-        self._wire(Kind.BYTES_OUT, source, t_ns, data)
+        self._wire(_BYTES_OUT, source, t_ns, data)
 
     def event(self, name: str, /, **fields: Any) -> None:
         """Record something that happens now.
@@ -441,23 +445,32 @@ class TrialWriter:
         if not self._closed:
             self._log.put((kind, source, time_ns, payload), reserve=True)
 
-    def _wire(self, kind: Kind, source: int, t_ns: int, data: bytes) -> None:
-        time_ns = int(t_ns) - self._origin_ns
-        data = bytes(data)
-        if not data:
-            return
+    def _wire(self, kind: int, source: int, t_ns: int, data: bytes) -> None:
+        entry = (kind, source, int(t_ns) - self._origin_ns, bytes(data))
         with self._lock:
-            if self._closed:
-                return
-            for start in range(0, len(data), MAX_PAYLOAD):
-                entry = (kind, source, time_ns, data[start : start + MAX_PAYLOAD])
-                if self._gaps and self._log.has_room(entry):
-                    self._tell_gaps()
-                if not self._log.put(entry):
-                    gap = self._gaps.setdefault(source, _OpenGap(time_ns))
-                    gap.records += 1
-                    gap.bytes += len(entry[3])
-                    gap.last_ns = time_ns
+            if self._gaps or not 0 < len(entry[3]) <= MAX_PAYLOAD or self._closed:
+                self._put_pieces(entry)
+            elif not self._log.put(entry):
+                self._count_lost(entry)
+
+    def _put_pieces(self, entry: Entry) -> None:
+        """Record what is no ordinary case: too much for a record, nothing, after a loss, late."""
+        kind, source, time_ns, data = entry
+        if self._closed:
+            return
+        for start in range(0, len(data), MAX_PAYLOAD):
+            piece = (kind, source, time_ns, data[start : start + MAX_PAYLOAD])
+            if self._gaps and self._log.has_room(piece):
+                self._tell_gaps()
+            if not self._log.put(piece):
+                self._count_lost(piece)
+
+    def _count_lost(self, entry: Entry) -> None:
+        _, source, time_ns, data = entry
+        gap = self._gaps.setdefault(source, _OpenGap(time_ns))
+        gap.records += 1
+        gap.bytes += len(data)
+        gap.last_ns = time_ns
 
     def _tell_gaps(self) -> None:
         """Record what found no room in the queue, now that there is some."""

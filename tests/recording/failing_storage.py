@@ -13,12 +13,14 @@ from imu_rig.recording.storage import OsFileSystem
 class FailingFileSystem(OsFileSystem):
     """Fails its ``failing``-th write, counted from 1, and with ``lasting`` all that follow.
 
-    ``problem`` is the error number of the failing write; 0 makes it take half of the bytes.
+    ``problem`` is the error number of the failing write; 0 makes it take half of the bytes. With
+    ``uncut`` the file cannot be cut back afterwards either.
     """
 
     failing: int
     problem: int = errno.ENOSPC
     lasting: bool = False
+    uncut: bool = False
     count: int = field(default=0, init=False)
 
     def write(self, descriptor: int, data: bytes) -> int:
@@ -29,6 +31,11 @@ class FailingFileSystem(OsFileSystem):
                 raise OSError(self.problem, os.strerror(self.problem))
             return taken
         return super().write(descriptor, data)
+
+    def ftruncate(self, descriptor: int, size: int) -> None:
+        if self.uncut:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        super().ftruncate(descriptor, size)
 
     def fdatasync(self, descriptor: int) -> None:
         """Nothing here depends on the real disk's patience."""
@@ -50,12 +57,20 @@ class BlockedFileSystem(OsFileSystem):
 
 
 class BadSyncFileSystem(OsFileSystem):
-    """A disk that takes everything and then reports that it could not keep it."""
+    """A disk that takes everything and then reports that it could not keep it.
+
+    It does so when told to by ``failing``, or at sync number ``failing_at``, counted from 1.
+    """
 
     failing = False
 
+    def __init__(self, failing_at: int = 0) -> None:
+        self.failing_at = failing_at
+        self.count = 0
+
     def fdatasync(self, descriptor: int) -> None:
-        if self.failing:
+        self.count += 1
+        if self.failing or self.count == self.failing_at:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 

@@ -68,6 +68,32 @@ def test_a_disk_that_fails_at_the_nth_write(tmp_path, problem, ended, lasting, s
         path.unlink()
 
 
+def test_a_file_that_cannot_be_cut_back_loses_nothing_and_is_ended(tmp_path):
+    """Whole rows of the write that failed may stand there, so what follows has other numbers."""
+    for failing in range(3, WRITES + 1, 7):
+        path = tmp_path / f"{failing}.imu-trial"
+        trial = create(path, FailingFileSystem(failing, errno.EIO, uncut=True), join_s=3600.0)
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        trial.flush()
+        handed_in = 0
+        while trial.error is None:
+            for number in range(handed_in, handed_in + 7):
+                trial.bytes_in(source, number * 10_000_000, row(number))
+            trial.flush()
+            handed_in += 7
+        assert trial.unwritten_records == 7
+        trial.close()
+        assert trial.acknowledged_bytes == path.stat().st_size
+        found = open_trial(path)
+        assert numbers(found)[: handed_in - 7] == list(range(handed_in - 7))
+        assert len(numbers(found)) < handed_in
+        assert found.ended == "storage_failed"
+        assert found.damage.records_lost
+        assert found.damage.bytes_skipped
+        assert not found.damage.records_repeated
+        path.unlink()
+
+
 def test_a_disk_that_fails_at_once_leaves_no_file(tmp_path):
     for problem in (errno.ENOSPC, errno.EIO, 0):
         with pytest.raises(StorageError):
@@ -121,6 +147,30 @@ def test_a_failing_sync_ends_the_recording(tmp_path):
     found = open_trial(path)
     assert found.ended == "storage_failed"
     assert found.events[0].name == "kept"
+
+
+@pytest.mark.parametrize("failing", [1, 2, 3, 9])
+def test_the_nth_sync_that_fails_ends_the_recording(tmp_path, failing):
+    path = tmp_path / "x.imu-trial"
+    file_system = BadSyncFileSystem(failing)
+    if failing == 1:  # before the first record is handed in
+        with pytest.raises(StorageError, match="Input/output error"):
+            create(path, file_system)
+        assert not path.exists()
+        return
+    trial = create(path, file_system, sync_s=0.001)
+    source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+    handed_in = 0
+    while trial.error is None:
+        trial.bytes_in(source, handed_in * 10_000_000, row(handed_in))
+        trial.flush()
+        handed_in += 1
+    trial.close()
+    assert f"the first {trial.synced_bytes} bytes are safe" in str(trial.error)
+    found = open_trial(path)
+    assert numbers(found)[: handed_in - 1] == list(range(handed_in - 1))
+    assert found.ended == "storage_failed"
+    assert not found.damage
 
 
 def test_a_slow_disk_is_waited_for_by_the_queue_alone(tmp_path):

@@ -15,6 +15,7 @@ from imu_rig.clock import SteppedClock, SystemClock
 from imu_rig.errors import InputError
 from imu_rig.recording import RecordingOptions, TrialWriter, open_trial
 from imu_rig.recording.format import MAX_PAYLOAD
+from imu_rig.recording.latency import Latency, LatencyCounts
 
 HERE = Path(__file__).parent
 HOUR_NS = 3_600_000_000_000
@@ -233,6 +234,79 @@ def test_a_wall_clock_that_is_set_changes_nothing_but_the_pairs(path, clock):
     assert found.statistics[0][1]["unwritten_records"] == 0
 
 
+def test_devices_have_statistics_beside_those_of_the_recorder(path, clock):
+    with create(path, clock) as trial:
+        left = trial.add_source("left", "imu", {})
+        right = trial.add_source("right", "imu", {})
+        clock.advance(1.0)
+        trial.device_statistics(left, {"state": "live", "packets": np.int64(100)})
+        trial.device_statistics(right, {"state": "silent", "packets": 0})
+        with pytest.raises(InputError, match="statistics"):
+            trial.device_statistics(right, {"rate_hz": math.nan})
+    found = open_trial(path)
+    assert found.device_statistics("left") == [(1.0, {"state": "live", "packets": 100})]
+    assert found.device_statistics("right") == [(1.0, {"state": "silent", "packets": 0})]
+    assert found.statistics == []
+
+
+def test_a_gap_is_told_more_of_by_recording_it_again(path, clock):
+    with create(path, clock) as trial:
+        source = trial.add_source("imu", "imu", {})
+        lost_ns = clock.now_ns()
+        trial.gap(source, lost_ns, "unplugged", counter_before=7)
+        clock.advance(2.0)
+        trial.gap(source, lost_ns, "unplugged", until_s=2.0, counter_before=7, counter_after=90)
+    [gap] = open_trial(path).gaps
+    fields = {"reason": "unplugged", "until_s": 2.0, "counter_before": 7, "counter_after": 90}
+    assert (gap.t, gap.fields) == (0.0, fields)
+
+
+def test_the_latency_is_the_time_from_arrival_to_the_file(path):
+    clock = SteppedClock(5_000_000_000)
+    options = RecordingOptions(note_s=3600.0, join_s=3600.0)
+    with TrialWriter.create(path, CONFIG, clock=clock, options=options) as trial:
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        assert trial.flush()
+        assert trial.latency().records == 0
+        now_ns = clock.now_ns()
+        for waited_ms in [*99 * [2], 30]:
+            trial.bytes_in(source, now_ns - waited_ms * 1_000_000, b"x")
+        trial.bytes_out(source, 0, b"what is sent does not arrive")
+        assert trial.flush()
+        latency = trial.latency()
+    assert latency.records == 100
+    assert 0.002 <= latency.p50_s <= 0.00225
+    assert 0.002 <= latency.p99_s <= 0.00225
+    assert latency.max_s == 0.03
+
+
+def test_latencies_beyond_all_bounds_are_counted():
+    counts = LatencyCounts()
+    counts.add([-5, 0, 10**18])
+    assert counts.summary().max_s == 1e9
+    assert counts.summary().p99_s == 1e9
+    assert counts.take_latest().records == 3
+    assert counts.take_latest() == Latency()
+    counts.add([1_000_000])
+    assert counts.take_latest() == Latency(1, 0.001, 0.001, 0.001)
+    assert counts.summary().records == 4
+
+
+def test_a_record_alone_is_written_at_once_and_others_wait_for_each_other(path):
+    clock = SystemClock()
+    options = RecordingOptions(note_s=3600.0, join_s=3600.0, queue_bytes=1 << 20)
+    with TrialWriter.create(path, CONFIG, clock=clock, options=options) as trial:
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        assert trial.flush()
+        before = trial.written_records
+        trial.bytes_in(source, clock.now_ns(), b"waits for others after the write before")
+        assert trial.written_records == before
+        trial.bytes_in(source, clock.now_ns(), bytes(1 << 16))  # as much as is written at once
+        deadline = clock.now_ns() + 10 * 1_000_000_000
+        while trial.written_records < before + 2:
+            assert clock.now_ns() < deadline
+
+
 def test_two_recorders_cannot_write_one_file(path, clock):
     with create(path, clock), pytest.raises(InputError, match="written by another program"):
         TrialWriter.append(path, clock=clock)
@@ -251,6 +325,7 @@ def test_statistics_tell_how_the_recorder_is_doing(path):
             trial.flush()
     statistics = [value for _, value in open_trial(path).statistics]
     assert all(value["disk_free_bytes"] > 0 for value in statistics)
+    assert all(value["latency_p99_s"] is None for value in statistics)  # nothing arrived
     counts = [value["records"] for value in statistics]
     assert counts == sorted(counts)
 
