@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 import sys
@@ -146,12 +147,19 @@ class RecordView:
         try:
             while not self._ended.wait(JSON_LINE_S):
                 if self._status is not None:
-                    # the descriptor itself: a program that stops reading must not keep a lock
-                    # that leaving needs
-                    line = json.dumps({"status": status_json(self._status)}, allow_nan=False)
-                    os.write(sys.stdout.fileno(), line.encode() + b"\n")
-        except (OSError, ValueError, AttributeError):
+                    _write_line(json.dumps({"status": status_json(self._status)}, allow_nan=False))
+        except (OSError, ValueError):
             return
+
+
+def _write_line(line: str) -> None:
+    """Write to stdout without its lock, which a program that stops reading would keep for ever."""
+    try:
+        descriptor = sys.stdout.fileno()
+    except io.UnsupportedOperation:  # it is no file
+        sys.stdout.write(line + "\n")
+        return
+    os.write(descriptor, line.encode() + b"\n")
 
 
 def status_json(status: RecorderStatus) -> dict[str, Any]:

@@ -1,0 +1,279 @@
+"""`imu-rig record` with simulated devices on real ports: what is kept, told and refused."""
+
+import io
+import json
+import os
+import shutil
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from imu_rig.cli.record import _say
+from imu_rig.cli.record_setup import Options, device_from, duration_s, setup_from
+from imu_rig.cli.record_summary import shortfalls
+from imu_rig.errors import InputError
+from imu_rig.recorder.engine import RecordingOutcome
+from imu_rig.recorder.status import DeviceStatus
+from imu_rig.recording.latency import Latency
+from imu_rig.recording.reader import open_trial
+from simulators.served_devices import ServedDevices
+
+SETUP = """
+subject = "S01"
+trial = "walk"
+duration_s = 120
+
+[[devices]]
+name = "left shoe"
+port = "/dev/ttyUSB0"
+
+[[devices]]
+name = "barometer"
+port = "/dev/ttyUSB1"
+layout = "baro-16"
+baud = 9600
+required = false
+"""
+
+
+@pytest.fixture
+def lines(monkeypatch):
+    """Feed lines to standard input, which is no terminal."""
+    read, write = os.pipe()
+    with os.fdopen(read) as stdin, os.fdopen(write, "w") as writer:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield writer
+
+
+def files_in(folder: Path) -> list[str]:
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+def test_two_devices_are_recorded_and_told_to_programs(inside, tmp_path, lines):
+    lines.write("start\n\n\x1b[31mred\x1b[0m\nno line end")
+    lines.flush()
+    done = inside(
+        *("record", "--simulate", 2, "--duration", "1.3", "--json", "--wait", 20),
+        *("--subject", "S/01", "--trial", "../walk", "--note", "slow"),
+        cwd=tmp_path,
+    )
+    *statuses, last = [json.loads(line) for line in done.stdout.splitlines()]
+    assert statuses
+    assert all(len(line["status"]["devices"]) == 2 for line in statuses)
+    result = last["result"]
+    assert result["complete"]
+    assert result["exit_code"] == 0
+    path = tmp_path / result["path"]
+    assert path.parent.name.endswith("_S-01")
+    assert path.name == "walk_001.imu-trial"
+    trial = open_trial(path)
+    assert trial.config["subject"] == "S/01"
+    assert trial.config["note"] == "slow"
+    assert trial.ended == "complete"
+    # the end of the input ends nothing, and half a line is not yet one
+    assert [m.label for m in trial.markers] == ["start", "", "[31mred [0m"]
+    for device in result["devices"]:
+        assert device["lost"] == 0
+        assert len(trial.samples(device["name"]).t) == device["packets"] > 100
+
+
+class Gone(io.StringIO):
+    """A stream whose reader has gone."""
+
+    def write(self, text: str) -> int:
+        raise BrokenPipeError
+
+
+def test_a_trial_never_takes_the_name_of_another_and_needs_no_reader(inside, tmp_path, monkeypatch):
+    arguments = ("record", "--simulate", 1, "--duration", 0.2, "--session", "s")
+    inside(*arguments, cwd=tmp_path)
+    monkeypatch.setattr("imu_rig.cli.record._say", lambda stream, lines: _say(Gone(), lines))
+    inside(*arguments, cwd=tmp_path)
+    assert files_in(tmp_path / "recordings") == ["s/trial_001.imu-trial", "s/trial_002.imu-trial"]
+
+
+def test_a_device_that_vanished_makes_the_recording_incomplete(inside, tmp_path):
+    with ServedDevices() as served:
+        left = served.add("left", "mpu9150-28", seed=1)
+        right = served.add("right", "mpu9150-28", seed=2)
+        pull = threading.Timer(1.0, served.unplug, ["right"])
+        pull.start()
+        done = inside(
+            *("record", "--device", f"left={left}", "-d", f"right={right}", "--duration", "2"),
+            *("--output", tmp_path),
+            code=8,
+        )
+        pull.join()
+    assert "right was lost at the end" in done.stderr
+    assert "left" not in done.stderr.split("imu-rig: ")[-1]
+    (file,) = tmp_path.rglob("*.imu-trial")
+    trial = open_trial(file)
+    assert trial.ended == "complete"
+    assert [m.reason for m in trial.missing("right")] == ["unplugged"]
+    assert trial.missing("left") == []
+    assert "imu-rig info" in done.stdout
+
+
+def test_a_port_that_is_missing_is_told_and_leaves_nothing(inside, tmp_path):
+    port = tmp_path / "no-port"
+    done = inside("record", "-d", port, "--wait", 0.3, "--output", tmp_path / "out", code=3)
+    assert f"There is no port {port}" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_device_that_sends_garbage_is_told_with_what_to_check(inside, tmp_path):
+    with ServedDevices() as served:
+        url = served.add("noisy", "mpu9150-28")
+        served.garbage("noisy")
+        done = inside("record", "-d", f"noisy={url}", "--wait", 2, "--output", tmp_path, code=4)
+    assert "noisy" in done.stderr
+    assert "layout" in done.stderr
+    (file,) = tmp_path.rglob("*.imu-trial")  # what came is kept all the same
+    assert f"kept in {file}" in done.stderr
+    assert len(open_trial(file).wire("noisy").data) > 1000
+
+
+def test_a_full_disk_is_told_before_anything_begins(inside, tmp_path, monkeypatch):
+    full = shutil.disk_usage(tmp_path)._replace(free=50_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: full)
+    done = inside("record", "--simulate", 1, "--output", tmp_path / "out", code=5)
+    assert "50 MB left" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "Nothing to record"),
+        (["--simulate", "17"], "1 to 16"),
+        (["--simulate", "1", "-d", "/dev/x"], "either --simulate"),
+        (["-d", "a=/dev/x", "-d", "b=/dev/x"], "the port /dev/x is there twice"),
+        (["-d", "a=/dev/x,speed=3"], "'speed=3' is not understood"),
+        (["-d", "a="], "has no port"),
+        (["-d", "=/dev/x"], "has no name"),
+        (["-d", "a=/dev/x,baud=fast"], "baud"),
+        (["-d", "jig=/dev/x"], "kept for the jig"),
+        (["-d", "/dev/x", "--layout", "nonsense"], "nonsense"),
+        (["-d", "/dev/x", "--jig", "paper-jig"], "--maestro"),
+        (["-d", "/dev/x", "-d", "/dev/y", "--certificate", "c.json"], "there are 2"),
+        (["-d", "/dev/x", "--certificate", "no.json"], "no.json"),
+        (["-d", "/dev/x", "--duration", "soon"], "no duration"),
+        (["-d", "/dev/x", "--duration", "0"], "between 0 s and 30 days"),
+        (["-d", "/dev/x", "--max-loss", "101"], "--max-loss"),
+        (["-d", "/dev/x", "--wait", "nan"], "--wait"),
+        (["-d", "/dev/x", "--session", "///"], "letter or a digit"),
+        (["-d", "/dev/x", "--subject", "x" * 300], "subject"),
+        (["-d", "/dev/x", "--setup", "no.toml"], "no.toml"),
+        (["-d", "/dev/x", "--output", "file"], "file is no folder"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_sentence(inside, tmp_path, arguments, said):
+    (tmp_path / "file").touch()
+    done = inside("record", *arguments, code=2, cwd=tmp_path)
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert files_in(tmp_path) == ["file"]
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("60", 60),
+        ("1.5", 1.5),
+        ("90 s", 90),
+        ("2min", 120),
+        ("2 minutes", 120),
+        ("1h30min", 5400),
+        ("1 h 30 min 5 s", 5405),
+        ("2:30", 150),
+        ("1:02:03", 3723),
+    ],
+)
+def test_durations_as_people_write_them(text, seconds):
+    assert duration_s(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "two", "5 5", "1h30", "-3", "1:75", "1e3", "inf", "3 d", "s"])
+def test_other_durations_are_refused(text):
+    with pytest.raises(InputError, match="no duration"):
+        duration_s(text)
+
+
+def test_a_device_is_a_port_or_a_name_and_a_port():
+    plain = device_from("/dev/ttyUSB0")
+    assert (plain.name, plain.port, plain.required) == ("imu", "/dev/ttyUSB0", True)
+    assert device_from("COM5", {"imu", "imu2"}).name == "imu3"
+    assert device_from("rfc2217://host:1?x=1").port == "rfc2217://host:1?x=1"
+    assert device_from("/dev/a=b").port == "/dev/a=b"
+    named = device_from(
+        "left shoe = socket://127.0.0.1:5000, layout=baro-16, baud=9600, optional, "
+        "certificate=c.json"
+    )
+    assert named.name == "left shoe"
+    assert named.port == "socket://127.0.0.1:5000"
+    assert (named.layout, named.baud, named.required) == ("baro-16", 9600, False)
+    assert named.certificate == Path("c.json")
+
+
+def test_options_replace_and_add_to_a_setup_file(tmp_path):
+    file = tmp_path / "setup.toml"
+    file.write_text(SETUP)
+    setup = setup_from(
+        Options(
+            setup=file,
+            devices=["left shoe=/dev/ttyUSB7", "/dev/ttyUSB8"],
+            layout="mpu9150-burst-30",
+            subject="S02",
+            duration="3min",
+            maestro="/dev/ttyACM0",
+        )
+    )
+    assert [(d.name, d.port, d.layout) for d in setup.devices] == [
+        ("left shoe", "/dev/ttyUSB7", "mpu9150-burst-30"),
+        ("barometer", "/dev/ttyUSB1", "baro-16"),
+        ("imu", "/dev/ttyUSB8", "mpu9150-burst-30"),
+    ]
+    assert (setup.subject, setup.trial, setup.duration_s) == ("S02", "walk", 180.0)
+    assert setup.jig is not None
+    assert setup.jig.maestro == "/dev/ttyACM0"
+
+
+GOOD = DeviceStatus("left", "/dev/a", "live", packets=990, lost=10)
+OUTCOME = RecordingOutcome(
+    path=Path("x"),
+    reason="complete",
+    duration_s=10.0,
+    recorded_s=10.0,
+    file_bytes=1000,
+    unwritten_records=0,
+    markers=0,
+    devices=(GOOD,),
+    latency=Latency(1000, 0.001, 0.002, 0.003),
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, []),
+        ({"lost": 60}, ["left lost 60"]),
+        ({"state": "silent"}, ["left was silent at the end"]),
+        ({"packets": 0, "lost": 0, "state": "waiting"}, ["left was never heard"]),
+        ({"packets": 0, "lost": 0, "state": "waiting", "required": False}, []),
+        ({"lost": 60, "state": "lost"}, ["left was lost", "left lost 60"]),
+    ],
+)
+def test_what_a_recording_falls_short_of(changes, said):
+    outcome = replace(OUTCOME, devices=(replace(GOOD, **changes),))
+    found = shortfalls(outcome, 0.05)
+    assert len(found) == len(said)
+    assert all(sentence.startswith(start) for sentence, start in zip(found, said, strict=True))
+
+
+def test_a_disk_that_was_too_slow_and_a_jig_not_parked_are_told():
+    found = shortfalls(replace(OUTCOME, unwritten_records=7, problem="The jig ..."), 0.05)
+    assert ["7 records" in found[0], found[1]] == [True, "The jig ..."]

@@ -1,0 +1,167 @@
+"""Recordings ended from outside: by key, by signal, by a closed window, by kill -9."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from program import PROGRAM
+from terminal import PATIENCE_S, Terminal
+
+from imu_rig.errors import InputError
+from imu_rig.recording.reader import Trial, open_trial
+from simulators.served_devices import ServedDevices
+
+WAYS = ("key", "ctrl-c", "SIGTERM", "hang-up", "kill")
+
+
+@dataclass
+class Ending:
+    """What was left of one recording."""
+
+    code: int
+    trial: Trial
+    text: str = ""
+    details: dict[str, object] = field(default_factory=dict)
+
+
+def the_trial(folder: Path) -> Path | None:
+    return next(folder.glob("recordings/*/*.imu-trial"), None)
+
+
+def wait_until_live(folder: Path) -> Path:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        path = the_trial(folder)
+        if path is not None and path.stat().st_size > 2000:
+            try:
+                if any(event.name == "all_live" for event in open_trial(path).events):
+                    return path
+            except InputError:  # created just now
+                pass
+        time.sleep(0.05)
+    pytest.fail(f"nothing live in {folder}")
+
+
+@pytest.fixture(scope="module")
+def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ending]]:
+    """Five recordings at the same time, each ended in its own way."""
+    root = tmp_path_factory.mktemp("endings")
+    found: dict[str, Ending] = {}
+    with ServedDevices() as served:
+        terminals, processes, urls = {}, {}, {}
+        folders = {way: root / way for way in WAYS}
+        try:
+            for way, folder in folders.items():
+                folder.mkdir()
+                urls[way] = served.add(way, "mpu9150-28", seed=1)
+                arguments = ["record", "--device", f"left shoe={urls[way]}"]
+                if way == "ctrl-c":
+                    arguments += ["--duration", "1h"]
+                if way in ("key", "ctrl-c", "hang-up"):
+                    terminals[way] = Terminal(*arguments, cwd=folder)
+                else:
+                    processes[way] = subprocess.Popen(
+                        [PROGRAM, *arguments],
+                        cwd=folder,
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        stderr=subprocess.PIPE,
+                        text=True,
+                    )
+            paths = {way: wait_until_live(folder) for way, folder in folders.items()}
+
+            second = subprocess.run(
+                [PROGRAM, "record", "--device", urls["key"]],
+                cwd=folders["key"],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE_S,
+            )
+            key = terminals["key"]
+            key.read_until("q: stop")
+            during = key.modes_now()
+            key.press("a")
+            key.press("\x1b[A")  # arrow up: no marker A
+            key.press("\x1a")  # Ctrl-Z: halts nothing
+            key.press(" ")
+            key.press("é")
+            size = paths["key"].stat().st_size
+            deadline = time.monotonic() + PATIENCE_S
+            while paths["key"].stat().st_size < size + 5000 and time.monotonic() < deadline:
+                key.read()
+            key.press("q")
+            terminals["ctrl-c"].press("\x03")
+            terminals["hang-up"].hang_up()
+            processes["SIGTERM"].send_signal(signal.SIGTERM)
+            processes["kill"].kill()
+            for way, terminal in terminals.items():
+                code = terminal.wait()
+                found[way] = Ending(code, open_trial(paths[way]), terminal.text)
+            for way, process in processes.items():
+                stdout, stderr = process.communicate(timeout=PATIENCE_S)
+                found[way] = Ending(process.returncode, open_trial(paths[way]), stdout + stderr)
+            found["key"].details = {
+                "second": second,
+                "during": during,
+                "after": key.modes_now(),
+                "before": key.modes,
+            }
+            yield found
+        finally:
+            for terminal in terminals.values():
+                terminal.close()
+            for process in processes.values():
+                process.kill()
+                process.communicate()
+
+
+@pytest.mark.parametrize(
+    ("way", "code", "reason"),
+    [
+        ("key", 0, "complete"),
+        ("ctrl-c", 130, "interrupted"),  # before its planned end
+        ("SIGTERM", 0, "complete"),
+        ("hang-up", 0, "complete"),
+        ("kill", -signal.SIGKILL, None),
+    ],
+)
+def test_however_it_ends_the_file_is_whole_and_says_so(endings, way, code, reason):
+    ending = endings[way]
+    assert "Traceback" not in ending.text
+    assert (ending.code, ending.trial.ended) == (code, reason), ending.text
+    assert not ending.trial.damage.records_lost
+    samples = ending.trial.samples("left shoe")
+    assert len(samples.t) > 50
+    assert (samples.counter[1:] - samples.counter[:-1] == 1).all()
+
+
+def test_keys_are_markers_and_no_key_sequence_is_one(endings):
+    labels = [marker.label for marker in endings["key"].trial.markers]
+    assert labels == ["a", "", "é"]
+
+
+def test_the_terminal_gives_keys_one_by_one_and_is_as_before_afterwards(endings):
+    modes = endings["key"].details
+    assert modes["during"] != modes["before"]
+    assert modes["after"] == modes["before"]
+    assert endings["key"].text.rfind("\x1b[?25h") > endings["key"].text.rfind("\x1b[?25l")
+
+
+def test_the_table_is_drawn_over_itself_and_the_figures_stay(endings):
+    text = endings["key"].text
+    assert "● RECORDING" in text
+    assert "\x1b[2J" not in text
+    assert text.rstrip().splitlines()[-2].lstrip().startswith("imu-rig info recordings/")
+
+
+def test_a_second_recorder_on_the_port_is_refused_and_the_first_goes_on(endings):
+    second = endings["key"].details["second"]
+    assert second.returncode == 3, second.stderr
+    assert "open in another program" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert len(list(endings["key"].trial.path.parent.iterdir())) == 1
