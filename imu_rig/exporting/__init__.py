@@ -1,1 +1,1 @@
-"""Trials written as the formats of other programs, after the recording has ended."""
+"""Trials as files of other programs; what each holds and loses is in docs/export-trials.md."""

@@ -78,11 +78,11 @@ def test_export_applies_a_certificate(
     block = apply_certificate(
         load_certificate(files["certificate"]), open_trial(files["trial"]).imu("imu")
     )
-    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    rows = np.loadtxt(table, delimiter=",", skiprows=1, usecols=range(7))
     assert summary["samples"] == len(rows) == len(block)
     assert rows[:, 1:4] == pytest.approx(block.accel, rel=1e-6, abs=1e-6)
     assert rows[:, 4:7] == pytest.approx(block.gyro, rel=1e-6, abs=1e-8)
-    assert table.read_text().startswith("t_s,accel_x_mps2")
+    assert table.read_text().startswith("t_s,calibrated_accel_x_mps2")
     inside("export", files["trial"], "-o", table, code=2)  # never overwrites
 
 
@@ -304,10 +304,14 @@ def test_an_export_lists_every_sensor_that_was_calibrated(
     assert "no accelerometer" in done.stderr
     assert "no gyroscope" in done.stderr
     before, after = (np.genfromtxt(path, delimiter=",", names=True) for path in (raw, table))
-    changed_columns = [n for n in before.dtype.names if not np.allclose(before[n], after[n])]
-    (column,) = changed_columns
+    named = dict(zip(before.dtype.names, after.dtype.names, strict=True))
+    del named["utc"]
+    assert [a for b, a in named.items() if a != b] == [
+        f"calibrated_mag_{axis}_uT" for axis in "xyz"
+    ]
+    (column,) = [b for b, a in named.items() if not np.allclose(before[b], after[a])]
     assert column.startswith("mag_x")
-    assert after[column] == pytest.approx(before[column] - 20.0, abs=1e-3)
+    assert after[named[column]] == pytest.approx(before[column] - 20.0, abs=1e-3)
 
 
 def hostile_files(folder: Path) -> dict[str, Path]:
