@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 
 Reply = tuple[tuple[int, bytes], ...]
@@ -21,6 +21,11 @@ class RecordedAnswers:
     Requests are told from one another as they were written when recorded: the longest known one
     that the client's bytes begin with counts. Bytes that begin no known request are passed over.
 
+    A request that never got a reply is a command, and what a device answers depends on its last
+    command and on how long ago that was. So a reply is looked for behind the same command of the
+    recording, that nearest in replay time, and there at the same distance. Where the request was
+    not made there, the reply nearest in replay time is given.
+
     Parameters
     ----------
     exchanges : iterable of (int, bytes, Reply)
@@ -34,14 +39,23 @@ class RecordedAnswers:
 
     def __init__(self, exchanges: Iterable[tuple[int, bytes, Reply]]) -> None:
         self.unknown_bytes = 0
-        self._known: dict[bytes, _Answers] = {}
-        for t_ns, request, reply in exchanges:
-            if request:
-                self._known.setdefault(request, _Answers()).add(t_ns, reply)
-        self._sorted = sorted(self._known)
-        self._lengths = sorted({len(request) for request in self._sorted}, reverse=True)
+        recorded = [exchange for exchange in exchanges if exchange[1]]
+        answered = {request for _, request, reply in recorded if _said(reply)}
+        self._commands: dict[bytes, list[int]] = {}
+        self._times: list[int] = []  # of all commands
+        self._answers: dict[bytes, _Answers] = {request: _Answers() for request in answered}
+        for t_ns, request, reply in recorded:
+            if request in answered:
+                self._answers[request].add(t_ns, reply, len(self._times))
+            else:
+                self._commands.setdefault(request, []).append(t_ns)
+                self._times.append(t_ns)
+        known = {*answered, *self._commands}
+        self._sorted = sorted(known)
+        self._lengths = sorted({len(request) for request in known}, reverse=True)
         self._waiting = bytearray()
         self._since_s = 0.0
+        self._last: tuple[int, int] | None = None  # the client's last command, recorded and here
 
     def answer(self, data: bytes, t_ns: int, now_s: float) -> list[Reply]:
         """Take in what a client wrote, perhaps nothing, and return the replies that are due.
@@ -50,7 +64,7 @@ class RecordedAnswers:
         ----------
         data : bytes
         t_ns : int
-            Replay time: of several recorded replies the nearest counts.
+            Replay time.
         now_s : float
             By the machine's clock.
         """
@@ -61,7 +75,7 @@ class RecordedAnswers:
         while self._waiting:
             request = self._first_request()
             if request:
-                replies.append(self._known[request].nearest(t_ns))
+                replies.append(self._reply(request, t_ns))
                 del self._waiting[: len(request)]
             elif self._may_go_on() and now_s - self._since_s < PATIENCE_S:
                 break
@@ -71,14 +85,30 @@ class RecordedAnswers:
         return replies
 
     def forget(self) -> None:
-        """Drop the beginning of a request whose client has gone."""
+        """Begin anew with the next client."""
         self._waiting.clear()
+        self._last = None
+
+    def _reply(self, request: bytes, t_ns: int) -> Reply:
+        if request in self._commands:
+            times = self._commands[request]
+            self._last = times[_nearest(times, t_ns, 0, len(times))], t_ns
+            return ()
+        answers = self._answers[request]
+        if self._last is not None:
+            recorded_ns, here_ns = self._last
+            place = bisect_right(self._times, recorded_ns)
+            until = self._times[place] if place < len(self._times) else None
+            reply = answers.between(recorded_ns, until, recorded_ns + t_ns - here_ns)
+            if reply is not None:
+                return reply
+        return answers.nearest(t_ns)
 
     def _first_request(self) -> bytes | None:
         for length in self._lengths:
             if length <= len(self._waiting):
                 request = bytes(self._waiting[:length])
-                if request in self._known:
+                if request in self._answers or request in self._commands:
                     return request
         return None
 
@@ -94,15 +124,21 @@ class RecordedAnswers:
 
 
 class _Answers:
-    """The replies to one request; of a run of equal ones the first and the last."""
+    """The replies to one request; of a run of equal ones only the first and the last."""
 
     def __init__(self) -> None:
         self._times: list[int] = []
         self._replies: list[Reply] = []
         self._run = 0
+        self._command = -1
 
-    def add(self, t_ns: int, reply: Reply) -> None:
-        same = bool(self._replies) and _said(self._replies[-1]) == _said(reply)
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def add(self, t_ns: int, reply: Reply, command: int) -> None:
+        """Keep a reply; ``command`` is the number of the last command before it."""
+        same = command == self._command and _said(self._replies[-1]) == _said(reply)
+        self._command = command
         self._run = self._run + 1 if same else 1
         if self._run > 2:
             self._times[-1] = t_ns
@@ -111,12 +147,21 @@ class _Answers:
         self._replies.append(self._replies[-1] if same else reply)
 
     def nearest(self, t_ns: int) -> Reply:
-        place = bisect_left(self._times, t_ns)
-        if place == len(self._times):
-            return self._replies[-1]
-        if place and t_ns - self._times[place - 1] <= self._times[place] - t_ns:
-            place -= 1
-        return self._replies[place]
+        return self._replies[_nearest(self._times, t_ns, 0, len(self._times))]
+
+    def between(self, start_ns: int, until_ns: int | None, t_ns: int) -> Reply | None:
+        """Return the reply nearest to ``t_ns`` of those in a stretch of time, if there are any."""
+        first = bisect_left(self._times, start_ns)
+        stop = len(self._times) if until_ns is None else bisect_left(self._times, until_ns)
+        return self._replies[_nearest(self._times, t_ns, first, stop)] if first < stop else None
+
+
+def _nearest(times: list[int], t_ns: int, first: int, stop: int) -> int:
+    """Return the place of the time nearest to ``t_ns`` from ``first`` up to before ``stop``."""
+    place = bisect_left(times, t_ns, first, stop)
+    if place == stop or (place > first and t_ns - times[place - 1] <= times[place] - t_ns):
+        place -= 1
+    return place
 
 
 def _said(reply: Reply) -> bytes:

@@ -149,7 +149,7 @@ class Replay:
         self._held_ns: int | None = None
         self._base_ns = self._played_ns = 0
         self._loops = 0
-        self._ending = self._told_end = False
+        self._ending = False
         self._late_ns: deque[float] = deque(maxlen=MOST_LATE)
         self._error: Exception | None = None
 
@@ -287,10 +287,9 @@ class Replay:
         clock = self._stepped_clock()
         with self._lock:
             self._begin_stepping()
+            self._serve_all_due()
             clock.advance(seconds)
-            while self._serve() == 0 and not self._finished.is_set():
-                pass
-            self._finish_if_done()
+            self._serve_all_due()
 
     def step_to_next(self) -> float | None:
         """Move a stepped clock to the next moment at which something is due, and send it.
@@ -311,6 +310,11 @@ class Replay:
             return seconds
 
     # --- one look at everything ----------------------------------------------------------------
+
+    def _serve_all_due(self) -> None:
+        while not self._finished.is_set() and self._serve() == 0:
+            pass
+        self._finish_if_done()
 
     def _serve(self) -> float:
         """Serve all ports once and return how long nothing needs to be done [s of the clock]."""
@@ -373,7 +377,7 @@ class Replay:
             return (
                 not self._unplug
                 or (absent and not each.queue)
-                or (not each.queue and each.port.all_taken())
+                or (not each.queue and each.all_taken())
             )
         if absent and self._keeps_for_absent and each.port.plugged:
             return False
@@ -426,20 +430,20 @@ class Replay:
         return (each.replies[0][0] - now) / NS_PER_S if each.replies else IDLE_S
 
     def _finish_if_done(self) -> None:
-        """After the last chunk: wait until clients have read it, then take the ports away."""
-        served = self._served.values()
+        """After the last chunk: take each port away as soon as its client has read everything."""
         if not self._ending or self._finished.is_set():
             return
-        if any(each.queue or each.replies for each in served):
-            return
-        if not self._told_end:
-            for each in served:
+        served = self._served.values()
+        for each in served:
+            if each.queue or each.replies or not each.port.plugged:
+                continue
+            if not each.told_end:
                 each.port.end_of_data()
-            self._told_end = True
-        if all(each.port.all_taken() for each in served):
-            for each in served:
+                each.told_end = True
+            if each.all_taken():
                 each.port.unplug()
                 each.since_s = None
+        if not any(each.port.plugged for each in served):
             self._finished.set()
 
     # --- time ----------------------------------------------------------------------------------
@@ -584,6 +588,8 @@ class _Served:
     lost: int = 0
     since_s: float | None = None
     returning_ns: float | None = None
+    told_end: bool = False
+    empty_since_s: float | None = None
 
     @property
     def ready(self) -> bool:
@@ -611,6 +617,19 @@ class _Served:
                 due = max(due, self.replies[-1][0])
             self.replies.append((due, data))
 
+    def all_taken(self) -> bool:
+        """Whether the client has read everything for a while.
+
+        In the middle of a client's read a terminal looks empty, with more to come into it.
+        """
+        now_s = time.monotonic()
+        if not self.port.all_taken():
+            self.empty_since_s = None
+            return False
+        if self.empty_since_s is None:
+            self.empty_since_s = now_s
+        return self.since_s is None or now_s - self.empty_since_s >= self.settle_s
+
     def flush(self) -> None:
         """Send what the client has room for."""
         while self.queue and self.ready:
@@ -619,6 +638,7 @@ class _Served:
                 break
             del self.queue[:count]
             self.sent += count
+            self.empty_since_s = None
 
 
 def _links(names: Sequence[str]) -> dict[str, str]:
