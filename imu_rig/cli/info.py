@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from imu_rig.recording.reader import Trial
 
 CERTIFICATE_SUFFIX = ".json"
+ABOUT_FILE = ("file", "ended", "damage", "SHA-256")
 
 
 def info(
@@ -35,11 +36,19 @@ def info(
     if as_json:
         sys.stdout.write(json.dumps(facts, allow_nan=False) + "\n")
         return
-    for line in _lines(facts, 0):
+    about_file = {name: facts.pop(name) for name in ABOUT_FILE}
+    if "devices" in facts:
+        from imu_rig.cli.recorded_trial import recorded_lines
+
+        lines = [*_lines(about_file, 0), "", *recorded_lines(facts)]
+    else:
+        lines = _lines({**about_file, **facts}, 0)
+    for line in lines:
         sys.stdout.write(line + "\n")
 
 
 def _trial_facts(trial: Trial) -> dict[str, Any]:
+    from imu_rig.cli.recorded_trial import is_recorded, recorded_facts
     from imu_rig.session.history import is_session, read_session
 
     damage = trial.damage
@@ -51,8 +60,10 @@ def _trial_facts(trial: Trial) -> dict[str, Any]:
             "bytes skipped": damage.bytes_skipped,
         },
         "SHA-256": trial.sha256,
-        "sources": {name: _source_facts(trial, name) for name in trial.sources},
     }
+    if is_recorded(trial):
+        return {**facts, **recorded_facts(trial)}
+    facts["sources"] = {name: _source_facts(trial, name) for name in trial.sources}
     if is_session(trial):
         session = read_session(trial)
         facts["session"] = {

@@ -9,9 +9,7 @@ import contextlib
 import io
 import json
 import os
-import shutil
 import sys
-import textwrap
 from typing import Annotated, NoReturn, TextIO
 
 import typer
@@ -32,6 +30,7 @@ from imu_rig.cli import (
     solve,
     verify,
 )
+from imu_rig.cli.terminal import fitted
 from imu_rig.errors import ImuRigError, StorageError
 
 # Before numpy is imported: matrices are small here, and threads would wait for each other longer
@@ -76,14 +75,6 @@ def main(
     """Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose."""
 
 
-def _wrapped(sentence: str) -> str:
-    """Break a sentence between words on a terminal; elsewhere it stays one line."""
-    if not sys.stderr.isatty():
-        return sentence
-    width = shutil.get_terminal_size().columns
-    return textwrap.fill(sentence, width, break_long_words=False, break_on_hyphens=False)
-
-
 def run() -> None:
     """Run the program; every foreseen error is one sentence on stderr and an exit code."""
     for name in ("stdout", "stderr"):
@@ -99,7 +90,7 @@ def run() -> None:
         if "--json" in sys.argv:
             answer = json.dumps({"error": str(error), "exit_code": error.exit_code})
             _say(sys.stdout, answer)
-        _say(sys.stderr, _wrapped(f"imu-rig: {error}"))
+        _say(sys.stderr, fitted(f"imu-rig: {error}"))
         _leave(error.exit_code)
     except KeyboardInterrupt:
         _say(sys.stderr, "imu-rig: interrupted")

@@ -15,6 +15,7 @@ import typer
 
 from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
 from imu_rig.cli.options import Quiet
+from imu_rig.cli.terminal import fitted
 from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, InputError, NameTaken
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def record(
     hurried = stop.cause is not None and "SIGINT" not in stop.cause
     lines = [result_json(outcome, short)] if as_json else summary_lines(outcome, brief=hurried)
     _say(sys.stdout, lines)
-    _say(sys.stderr, [f"imu-rig: {sentence}" for sentence in short])
+    _say(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
     if short:
         raise typer.Exit(INCOMPLETE_EXIT)
     if outcome.reason == "interrupted":

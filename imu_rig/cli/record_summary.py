@@ -86,7 +86,7 @@ def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str
             f"  {name:{width}}{device.packets:>10}{rate:>8}{lost_text(device):>17}{device.gaps:>6}"
         )
         if uncertainties:
-            line += f"{_time(uncertainties.get(device.name)):>11}"
+            line += f"{time_text(uncertainties.get(device.name)):>11}"
         lines.append(line + _remark(device))
     file = shlex.quote(str(outcome.path))
     lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file}"]
@@ -117,7 +117,8 @@ def _short(name: str) -> str:
     return textwrap.shorten(one_line(name, 60), NAME_WIDTH, placeholder="…")
 
 
-def _time(uncertainty_s: float | None) -> str:
+def time_text(uncertainty_s: float | None) -> str:
+    """Return how well times are known, as a person reads it."""
     if uncertainty_s is None or not math.isfinite(uncertainty_s):
         return "–"
     return f"± {1e3 * uncertainty_s:.2g} ms" if uncertainty_s < 0.1 else f"± {uncertainty_s:.2g} s"

@@ -313,11 +313,11 @@ def _devices(devices: tuple[DeviceStatus, ...], rows: int, width: int) -> Render
     shown = _chosen(devices, rows)
     for d in shown:
         style = _state_style(d)
-        rate = f"{d.rate_hz:.1f}" if d.rate_hz else "–"
+        rate = f"{d.rate_hz:.1f}" if d.rate_hz and d.state == "live" else "–"
         heard = "never" if d.state == "waiting" and not d.packets else _age(d.age_s)
         cells = {
             "state": Text(d.state, style),
-            "Hz": Text(rate, "" if d.rate_hz else "dim"),
+            "Hz": Text(rate, "" if rate != "–" else "dim"),
             "lost": Text(lost_text(d), "yellow" if d.lost else ""),
             "corrupt": Text(str(d.corrupt), "yellow" if d.corrupt else ""),
             "reopened": Text(str(d.reconnects), "yellow" if d.reconnects else ""),
