@@ -51,12 +51,18 @@ def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
         ``(counts - zero) / counts_per_unit``, then turned by ``axes``.
     """
     field = layout.field(name)
-    scaled = np.asarray(counts(layout, rows, name), dtype=np.float64)
-    scaled = (scaled - field.zero) / field.counts_per_unit
+    if field.bits == 24:
+        scaled: FloatArray = counts(layout, rows, name).astype(np.float64)
+    else:
+        scaled = rows[name].astype(np.float64)
+    scaled -= field.zero
+    scaled /= field.counts_per_unit
     if field.axes is None:
         return scaled
     columns, signs = _axes(field.axes)
-    return scaled[:, columns] * signs
+    turned: FloatArray = scaled[:, columns]
+    turned *= signs
+    return turned
 
 
 def quantize(layout: PacketLayout, name: str, of_values: npt.ArrayLike) -> AnyArray:

@@ -70,9 +70,12 @@ def si_values(
         "accel" [m/s^2] and "gyro" [rad/s], shape (n, 3); "mag" [uT], shape (n, 3), and
         "temperature" [degC], shape (n,), where the layout has them.
     """
-    columns = {name: np.full((len(rows), 3), np.nan) for name in ("accel", "gyro")}
+    columns = {name: values(layout, rows, name) for name in factors}
     for name, factor in factors.items():
-        columns[name] = values(layout, rows, name) * factor
+        columns[name] *= factor
+    for name in ("accel", "gyro"):
+        if name not in columns:
+            columns[name] = np.full((len(rows), 3), np.nan)
     return columns
 
 
@@ -91,7 +94,8 @@ def field_values(
         numbers, unit = values(layout, rows, field.name), field.unit
         factor = _UNITS.get(field.name, {}).get(unit)
         if factor is not None:
-            numbers, unit = numbers * factor, _SI_UNITS[field.name]
+            numbers *= factor
+            unit = _SI_UNITS[field.name]
         columns[field.name], units[field.name] = numbers, unit
     return columns, units
 

@@ -227,9 +227,10 @@ class Trial:
         rows = np.flatnonzero((records.kind == _WIRE_KIND[direction]) & (records.source == number))
         lengths = records.length[rows].astype(np.int64)
         stops = np.cumsum(lengths)
+        places = stops - lengths
         data = np.empty(int(stops[-1]) if len(stops) else 0, np.uint8)
         for chosen, piece, starts in self._pieces(rows):
-            _place(piece, starts, lengths[chosen], data, (stops - lengths)[chosen])
+            _place(piece, starts, lengths[chosen], data, places[chosen])
         return Wire(
             data.tobytes(), records.time_ns[rows] / NS_PER_S, stops, self._breaks(rows, number)
         )
@@ -441,8 +442,10 @@ def _place(
 ) -> None:
     """Copy the ``lengths`` bytes from each of ``starts`` of a piece to ``places`` of the data."""
     source = np.frombuffer(piece, np.uint8)
-    for length in np.unique(lengths[lengths > 0]).tolist():
-        same = lengths == length
+    for length in np.flatnonzero(np.bincount(lengths)).tolist():
+        if length == 0:
+            continue
+        same = np.flatnonzero(lengths == length)
         anywhere(data, length)[places[same]] = anywhere(source, length)[starts[same]]
 
 

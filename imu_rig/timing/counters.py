@@ -45,9 +45,19 @@ def wrapped_steps(values: AnyArray, previous: int, modulus: int, backward: int) 
     -------
     shape (n,)
     """
-    counts = np.asarray(values).astype(np.int64)
-    steps: IntArray = (differences(counts, previous) + backward) % modulus - backward
+    steps: IntArray = differences(np.asarray(values).astype(np.int64), previous)
+    steps += backward
+    remainder(steps, modulus)
+    steps -= backward
     return steps
+
+
+def remainder(counts: IntArray, modulus: int) -> None:
+    """Reduce counts to ``[0, modulus)`` in place; counters have powers of two, which is quick."""
+    if modulus & (modulus - 1):
+        counts %= modulus
+    else:
+        counts &= modulus - 1
 
 
 def unwrap(values: npt.ArrayLike, modulus: int) -> IntArray:

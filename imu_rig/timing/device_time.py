@@ -119,9 +119,9 @@ class DeviceTime:
                 strays += 1
                 continue
             part = slice(start, stop)
-            ticks = self._anchor.ticks + np.cumsum(
-                self._steps(values[part], host_s[part], self._anchor)
-            )
+            if stop - start < len(values):
+                steps = self._steps(values[part], host_s[part], self._anchor)
+            ticks = self._anchor.ticks + np.cumsum(steps)
             self._anchor = _Anchor(int(values[stop - 1]), float(ticks[-1]), float(host_s[stop - 1]))
             runs.append((np.arange(start, stop), ticks * self._tick_s, self._epoch))
         return _kept(runs, strays, held=held)

@@ -146,15 +146,22 @@ class SampleOrder:
         rows: IntArray = np.arange(count, dtype=np.int64)
         return rows, device_s, silences.astype(np.int64), False
 
-    def _sort(self, device_s: FloatArray, segment: IntArray, counts: IntArray | None) -> IntArray:
+    def _sort(
+        self, device_s: FloatArray, segment: IntArray, counts: IntArray | None
+    ) -> IntArray | slice:
         """Sort by device time; leave out duplicates and what comes too late to deliver."""
         count = len(device_s)
         if count == 0:
-            return np.empty(0, np.int64)
+            return slice(None)
+        numbers = np.zeros(count, np.int64) if counts is None else counts
+        later = (np.diff(device_s) > 0) | (np.diff(segment) > 0)
+        if later.all() and self._since_last(device_s[:1], segment[:1])[0] > 0:
+            # as nearly always: there is nothing to sort
+            self._remember(np.arange(max(0, count - RECENT), count), segment, device_s, numbers)
+            return slice(None)
         order = np.lexsort((device_s, segment))
         fresh = np.ones(count, dtype=bool)
         since_last = self._since_last(device_s, segment)
-        numbers = np.zeros(count, np.int64) if counts is None else counts
         if self._identified:
             same = (np.diff(device_s[order]) == 0) & (np.diff(segment[order]) == 0)
             same &= np.diff(numbers[order]) == 0
@@ -164,11 +171,16 @@ class SampleOrder:
                 fresh[row] = key not in self._recent
             self._duplicates += count - int(fresh.sum())
         self._reordered += self._out_of_order(device_s[fresh], segment[fresh])
-        for row in np.flatnonzero(fresh)[-RECENT:].tolist():
-            self._recent.append((int(segment[row]), float(device_s[row]), int(numbers[row])))
+        self._remember(np.flatnonzero(fresh)[-RECENT:], segment, device_s, numbers)
         fresh &= since_last >= 0
         delivered: IntArray = order[fresh[order]]
         return delivered
+
+    def _remember(
+        self, rows: IntArray, segment: IntArray, device_s: FloatArray, numbers: IntArray
+    ) -> None:
+        for row in rows.tolist():
+            self._recent.append((int(segment[row]), float(device_s[row]), int(numbers[row])))
 
     def _since_last(self, device_s: FloatArray, segment: IntArray) -> FloatArray:
         """Device time since the last sample delivered [s]; infinite in another segment."""
@@ -179,10 +191,11 @@ class SampleOrder:
     def _out_of_order(self, device_s: FloatArray, segment: IntArray) -> int:
         """Count the packets that arrived after one the device made later."""
         count = 0
-        for number in np.unique(segment).tolist():
-            times = device_s[segment == number]
+        edges = [0, *(np.flatnonzero(np.diff(segment)) + 1).tolist(), len(segment)]
+        for start, stop in pairwise(edges):
+            times = device_s[start:stop]
             floor = -np.inf
-            if self._last is not None and self._last[0] == number:
+            if self._last is not None and start < stop and self._last[0] == segment[start]:
                 floor = self._last[1]
             newest = np.maximum.accumulate(np.concatenate(([floor], times)))[:-1]
             count += int(np.sum(times < newest))
