@@ -12,6 +12,7 @@ import typer
 from imu_rig.cli.certificate import write_page
 from imu_rig.cli.options import Json
 from imu_rig.errors import InputError
+from imu_rig.foreign_text import printable
 
 if TYPE_CHECKING:
     from imu_rig.calibration.result import DeviceInfo
@@ -100,13 +101,15 @@ def _lines(facts: dict[str, Any], indent: int) -> list[str]:
     lines = []
     pad = "  " * indent
     for key, value in facts.items():
+        key = printable(key)
         if isinstance(value, dict):
             lines += [f"{pad}{key}", *_lines(value, indent + 1)]
         elif isinstance(value, list):
             lines += [f"{pad}{key}: none"] if not value else [f"{pad}{key}"]
-            lines += [f"{pad}  - {item}" for item in value]
+            lines += [f"{pad}  - {printable(str(item))}" for item in value]
         else:
-            lines.append(f"{pad}{key:{max(1, 26 - 2 * indent)}}{'-' if value is None else value}")
+            text = "-" if value is None else printable(str(value))
+            lines.append(f"{pad}{key:{max(1, 26 - 2 * indent)}}{text}")
     return lines
 
 

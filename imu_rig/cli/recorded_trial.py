@@ -152,7 +152,9 @@ def _table(devices: dict[str, dict[str, Any]]) -> list[str]:
             lines += wrapped(device["problem"], WIDTH)
             continue
         if "packets" not in device:
-            lines.append(f"{names[name]:{width}}  {device['kind']}, {device['bytes']} bytes")
+            lines.append(
+                f"{names[name]:{width}}  {one_line(device['kind'], 20)}, {device['bytes']} bytes"
+            )
             continue
         rate = device["rate_hz"]
         cells = (
