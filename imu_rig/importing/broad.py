@@ -68,7 +68,8 @@ def load(file: MatlabFile) -> ForeignRecording:
 
 
 def _require_unit(path: Path, orientation: FloatArray) -> None:
-    norm = np.linalg.norm(orientation, axis=1)
+    # Clipped, for a damaged number may be too large to be squared.
+    norm = np.linalg.norm(np.clip(orientation, -10.0, 10.0), axis=1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_AGREES)
     if len(wrong):
         raise InputError(

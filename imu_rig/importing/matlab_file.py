@@ -11,6 +11,7 @@ import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.errors import InputError, reason_of
+from imu_rig.importing.read_table import LARGEST
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 NEWER_MAGIC = b"MATLAB 7.3 MAT-file"
@@ -159,18 +160,19 @@ def read_number(file: MatlabFile, name: str) -> float:
 
 
 def require_finite(path: Path, name: str, matrix: FloatArray) -> None:
-    """Refuse NaN and infinity, by the row they are in.
+    """Refuse NaN, infinity and what no sensor gives, by the row they are in.
 
     Raises
     ------
     InputError
         Naming the row, from 1 as MATLAB counts.
     """
-    wrong = np.flatnonzero(~np.isfinite(matrix).reshape(len(matrix), -1).all(axis=1))
+    usable = np.abs(matrix) <= LARGEST
+    wrong = np.flatnonzero(~usable.reshape(len(matrix), -1).all(axis=1))
     if len(wrong):
         raise InputError(
-            f"{path}: row {wrong[0] + 1} of {name} holds what is no number, as do "
-            f"{len(wrong) - 1} more; cut such rows out"
+            f"{path}: row {wrong[0] + 1} of {name} holds what is no reading (NaN, infinite or "
+            f"enormous), and {len(wrong) - 1} rows more; cut such rows out"
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from imu_rig.arrays import FloatArray
@@ -18,6 +20,7 @@ from imu_rig.importing.matlab_file import (
 NAME = "pyshoe"
 ACCEL_COLUMNS, GYRO_COLUMNS = slice(0, 3), slice(3, 6)
 TO_RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
+FARTHEST_M = 1e6
 RATES_HZ = (2.0, 20_000.0)
 _FRAME = (
     "position of the foot, z up; the file states it in a left-handed frame, here its y is turned, "
@@ -49,6 +52,7 @@ def load(file: MatlabFile) -> ForeignRecording:
     notes = [f"the sensor's own axes are kept: {_upright(accel[:, 2])}"]
     reference = None
     if truth:
+        _require_metres(path, matrices["gt"])
         reference = Reference(t, position=matrices["gt"] * TO_RIGHT_HANDED, frame=_FRAME)
         notes.append("gt is left-handed in the file; its y is turned, so that it is right-handed")
     if any(name.startswith("zv_") for name in file.shapes):
@@ -60,6 +64,12 @@ def load(file: MatlabFile) -> ForeignRecording:
         reference=reference,
         notes=tuple(notes),
     )
+
+
+def _require_metres(path: Path, position: FloatArray) -> None:
+    far = np.flatnonzero(np.any(np.abs(position) > FARTHEST_M, axis=1))
+    if len(far):
+        raise InputError(f"{path}: row {far[0] + 1} of gt lies farther away than anybody walks")
 
 
 def _upright(z: FloatArray) -> str:

@@ -17,6 +17,7 @@ from imu_rig.blocks import Samples
 from imu_rig.errors import InputError
 from imu_rig.importing.column_map import split_unit
 from imu_rig.importing.foreign import ForeignRecording, SharedClock
+from imu_rig.importing.read_table import LARGEST
 from imu_rig.importing.text_table import detect_form, first_lines, line_of_row, read_numbers
 from imu_rig.importing.time_column import refuse_going_back, repeated_rows, spread_repeated
 from imu_rig.importing.unit_text import Kind, find_unit
@@ -26,8 +27,6 @@ TIME_COLUMNS = {"Timestamp (us)": X_IMU3, "Time (s)": NGIMU}
 MOST_FILES = 200
 """Files of one folder; a trial has room for 255 sources."""
 FEWEST_ROWS = 2
-LARGEST = 1e12
-"""No sensor's number is larger in any unit."""
 YEARS_NS = (2015, 2100)
 EPOCH_S = tuple((year - 1970) * 31_556_952.0 for year in YEARS_NS)
 """Stamps between these [s] count from 1970; others from when the device was switched on."""

@@ -21,6 +21,7 @@ from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
 from imu_rig.importing.column_map import ColumnMap
 from imu_rig.importing.foreign import ForeignRecording, SharedClock
+from imu_rig.importing.read_table import LARGEST
 from imu_rig.importing.text_table import (
     Form,
     detect_form,
@@ -122,6 +123,7 @@ def load(path: Path, columns: ColumnMap) -> ForeignRecording:
         notes.append(f"{without} rows without numbers stand for packets that the radio lost")
     units = {name: _VECTORS[name][1] for name in table}
     values = {name: found[rows] for name, found in table.items()}
+    _refuse_enormous(path, form, values, rows)
     _scale(values, units, columns, dot=timed.dot, notes=notes)
     for name in ("temperature", "pressure"):
         if name in values:
@@ -177,6 +179,19 @@ def _rows_with_numbers(path: Path, form: Form, table: Mapping[str, FloatArray]) 
     if np.count_nonzero(whole) < FEWEST_PACKETS:
         raise InputError(f"{path} holds fewer than {FEWEST_PACKETS} packets")
     return np.flatnonzero(whole)
+
+
+def _refuse_enormous(
+    path: Path, form: Form, values: Mapping[str, FloatArray], rows: IntArray
+) -> None:
+    """Refuse what would overflow, by the line it is in."""
+    for name, numbers in values.items():
+        wrong = np.flatnonzero(np.any(np.abs(numbers) > LARGEST, axis=1))
+        if len(wrong):
+            raise InputError(
+                f"{path}, line {line_of_row(path, form, int(rows[wrong[0]]))}: its "
+                f"{name.replace('_', ' ')} is no sensor's; correct or delete the line"
+            )
 
 
 def _whole(
