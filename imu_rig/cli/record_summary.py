@@ -89,7 +89,7 @@ def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str
             line += f"{time_text(uncertainties.get(device.name)):>11}"
         lines.append(line + _remark(device))
     file = shlex.quote(str(outcome.path))
-    lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file}"]
+    lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file} --to csv"]
     return lines
 
 

@@ -34,7 +34,7 @@ FEWEST_ROWS = 4
 NAMES_IN_LINE = 3
 BAR_WIDTH = 30
 LEAST_NAME = 10
-LONGEST_SENTENCE = 300
+LONGEST_SENTENCE = 400
 _SPACE = "free some space now; the recording goes on meanwhile."
 
 _STATE_STYLE = {

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import shutil
 import sys
 import threading
@@ -16,6 +17,7 @@ from imu_rig.cli.record_setup import Options, device_from, duration_s, setup_fro
 from imu_rig.cli.record_summary import shortfalls
 from imu_rig.errors import InputError
 from imu_rig.recorder.engine import RecordingOutcome
+from imu_rig.recorder.setup import load_setup
 from imu_rig.recorder.status import DeviceStatus
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.reader import open_trial
@@ -277,3 +279,21 @@ def test_what_a_recording_falls_short_of(changes, said):
 def test_a_disk_that_was_too_slow_and_a_jig_not_parked_are_told():
     found = shortfalls(replace(OUTCOME, unwritten_records=7, problem="The jig ..."), 0.05)
     assert ["7 records" in found[0], found[1]] == [True, "The jig ..."]
+
+
+def test_the_example_of_a_setup_file_is_one(inside, tmp_path):
+    example = Path(__file__).parents[2] / "jig_scripts" / "trials" / "two-shoes.toml"
+    setup = load_setup(example)
+    assert [d.name for d in setup.devices] == ["left shoe", "right shoe", "barometer"]
+    assert [d.required for d in setup.devices] == [True, True, False]
+    assert all(d.packet_layout().length for d in setup.devices)
+    whole = tmp_path / "whole.toml"  # what is only suggested there can be used too
+    lines = example.read_text().splitlines()
+    suggested = [line[2:] if re.match(r"# (\[|\w+ = )", line) else line for line in lines]
+    whole.write_text("\n".join(suggested))
+    setup = load_setup(whole)
+    assert setup.devices[0].certificate == tmp_path / "left.json"
+    assert setup.duration_s == 120.0
+    assert setup.jig is not None
+    done = inside("record", "--setup", example, "--wait", 0.1, "--output", tmp_path / "o", code=3)
+    assert "A50285BI" in done.stderr
