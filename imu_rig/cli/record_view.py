@@ -29,7 +29,7 @@ SHORT_S, VERY_SHORT_S = 1800.0, 300.0  # that the disk lasts, to be told in yell
 
 MOST_SENTENCES = 200
 NARROW = 100  # columns below which words are short
-FRAME_LINES = 9  # of the screen besides devices and sentences
+FRAME_LINES = 10  # of the screen besides devices and sentences
 FEWEST_ROWS = 4
 NAMES_IN_LINE = 3
 BAR_WIDTH = 30
