@@ -11,6 +11,16 @@ Reply = tuple[tuple[int, bytes], ...]
 PATIENCE_S = 0.05
 """How long the rest of a request may take that has begun."""
 
+LEAD_NS = 50_000_000
+"""A device is as far with a command as it was this much later when recorded.
+
+A program that is a little late finds its sensor's data gone on to the next move. One that is told
+of an arrival a little early waits for the data.
+"""
+
+AHEAD_NS = 10_000_000_000
+"""A program is not further ahead of the recording than this, in replay time."""
+
 MOST_WAITING = 65_536
 """Bytes that wait for the rest of a request at most."""
 
@@ -23,8 +33,8 @@ class RecordedAnswers:
 
     A request that never got a reply is a command, and what a device answers depends on its last
     command and on how long ago that was. So a reply is looked for behind the same command of the
-    recording, that nearest in replay time, and there at the same distance. Where the request was
-    not made there, the reply nearest in replay time is given.
+    recording, that nearest in replay time, and there at the same distance. A client that has sent
+    no command gets the reply nearest in replay time.
 
     Parameters
     ----------
@@ -56,6 +66,7 @@ class RecordedAnswers:
         self._waiting = bytearray()
         self._since_s = 0.0
         self._last: tuple[int, int] | None = None  # the client's last command, recorded and here
+        self._given_up = False
 
     def answer(self, data: bytes, t_ns: int, now_s: float) -> list[Reply]:
         """Take in what a client wrote, perhaps nothing, and return the replies that are due.
@@ -84,6 +95,21 @@ class RecordedAnswers:
                 self.unknown_bytes += 1
         return replies
 
+    @property
+    def expected_ns(self) -> int | None:
+        """When the command was recorded that the client, going by its last one, sends next.
+
+        None where it has sent none, or none is left, or it was waited for in vain.
+        """
+        if self._last is None or self._given_up:
+            return None
+        place = bisect_right(self._times, self._last[0])
+        return self._times[place] if place < len(self._times) else None
+
+    def give_up(self) -> None:
+        """Expect no command until the client sends another of the recorded ones."""
+        self._given_up = True
+
     def forget(self) -> None:
         """Begin anew with the next client."""
         self._waiting.clear()
@@ -91,18 +117,33 @@ class RecordedAnswers:
 
     def _reply(self, request: bytes, t_ns: int) -> Reply:
         if request in self._commands:
-            times = self._commands[request]
-            self._last = times[_nearest(times, t_ns, 0, len(times))], t_ns
+            self._last = self._recorded(self._commands[request], t_ns), t_ns
+            self._given_up = False
             return ()
         answers = self._answers[request]
-        if self._last is not None:
-            recorded_ns, here_ns = self._last
-            place = bisect_right(self._times, recorded_ns)
-            until = self._times[place] if place < len(self._times) else None
-            reply = answers.between(recorded_ns, until, recorded_ns + t_ns - here_ns)
+        if self._last is None:
+            return answers.nearest(t_ns)
+        recorded_ns, here_ns = self._last
+        same_ns = recorded_ns + t_ns - here_ns + LEAD_NS
+        place = bisect_right(self._times, recorded_ns)
+        until = self._times[place] if place < len(self._times) else None
+        for stop in (until, None):  # it may have been asked only after several commands in a row
+            reply = answers.between(recorded_ns, stop, same_ns)
             if reply is not None:
                 return reply
         return answers.nearest(t_ns)
+
+    def _recorded(self, times: list[int], t_ns: int) -> int:
+        """Return when a command was recorded that the client sends now.
+
+        The nearest after the one found last: a command may be sent twice in a row.
+        """
+        first = 0 if self._last is None else bisect_right(times, self._last[0])
+        if first < len(times):
+            ahead = times[_nearest(times, t_ns, first, len(times))]
+            if ahead - t_ns < AHEAD_NS:
+                return ahead
+        return times[_nearest(times, t_ns, 0, len(times))]
 
     def _first_request(self) -> bytes | None:
         for length in self._lengths:

@@ -38,6 +38,10 @@ FINE_S = 0.0015  # waits below this are slept, above it a client's word ends the
 SETTLE_S = 0.1  # a program that opens a terminal throws away what came before it was set up
 RETURN_S = 2.0  # of replay time, for which a port that is plugged in again waits for its client
 
+FOLLOW_S = 0.5  # of the clock, for which the data wait for a command that was due
+GRACE_NS = 30_000_000  # of replay time: what was sent so soon after a command shows nothing of it
+LINGER_S = 5.0  # of the clock: for a program that asks and is behind to finish what it does
+
 WAITING_BYTES = 256 * 1024
 """What one client may be behind, besides the system's own buffers, before the replay waits."""
 
@@ -148,6 +152,7 @@ class Replay:
         self._origin_ns: int | None = None
         self._held_ns: int | None = None
         self._base_ns = self._played_ns = 0
+        self._ended_ns: int | None = None
         self._loops = 0
         self._ending = False
         self._late_ns: deque[float] = deque(maxlen=MOST_LATE)
@@ -357,7 +362,7 @@ class Replay:
             wait_ns = self._due_ns() - self._replay_ns()
             if wait_ns > 0:
                 return min(IDLE_S, wait_ns / NS_PER_S / self._speed)
-            if not self._room_for(chunk):
+            if not self._room_for(chunk) or self._awaits_command():
                 if self._held_ns is None:
                     self._held_ns = self._clock.now_ns()
                 return BUSY_S
@@ -366,6 +371,24 @@ class Replay:
                 self._held_ns = None
             self._perform(chunk)
         return 0.0
+
+    def _awaits_command(self) -> bool:
+        """Whether a program that commands a device, as the recorded one did, is behind it.
+
+        What sensors sent after a command makes no sense to a program before it has given it.
+        """
+        if self._speed == FAST or isinstance(self._clock, SteppedClock):
+            return False
+        for each in self._served.values():
+            expected = None if each.answers is None else each.answers.expected_ns
+            if expected is None or self._due_ns() - self._base_ns <= expected + GRACE_NS:
+                continue
+            held_ns = self._clock.now_ns() - (self._held_ns or self._clock.now_ns())
+            if held_ns < FOLLOW_S * NS_PER_S:
+                return True
+            if each.answers is not None:
+                each.answers.give_up()
+        return False
 
     def _room_for(self, chunk: TimedChunk) -> bool:
         _, name, what, _ = chunk
@@ -431,7 +454,7 @@ class Replay:
 
     def _finish_if_done(self) -> None:
         """After the last chunk: take each port away as soon as its client has read everything."""
-        if not self._ending or self._finished.is_set():
+        if not self._ending or self._finished.is_set() or self._lingers():
             return
         served = self._served.values()
         for each in served:
@@ -445,6 +468,13 @@ class Replay:
                 each.since_s = None
         if not any(each.port.plugged for each in served):
             self._finished.set()
+
+    def _lingers(self) -> bool:
+        """Whether a program may still be talking to a device that answers."""
+        if self._ended_ns is None:
+            self._ended_ns = self._clock.now_ns()
+        asking = any(s.answers is not None and s.since_s is not None for s in self._served.values())
+        return asking and self._clock.now_ns() - self._ended_ns < LINGER_S * NS_PER_S
 
     # --- time ----------------------------------------------------------------------------------
 
