@@ -30,7 +30,8 @@ WAIT_S = 30.0  # for required devices where nobody sits at a terminal
 STOPPED_EXIT = 130
 MOST_SIMULATED = 16
 SIMULATED_SKEW_PPM = 10.0  # of the first device's clock; the second's is twice as wrong ...
-STOPPING = "Stopping: the file is closed now; once more to hurry."
+STOPPING = "Stopping: {0}the file is closed now; once more to hurry."
+PARKING = "the jig parks and "
 
 
 def record(
@@ -155,6 +156,7 @@ def _record(
     from imu_rig.stopping import StopRequest
 
     stop = StopRequest()
+    stopping = STOPPING.format("" if plan.jig is None else PARKING)
     view = RecordView(quiet=quiet, as_json=as_json)
     part = session_part(plan.session, plan.subject, datetime.now().astimezone().date())
 
@@ -187,10 +189,10 @@ def _record(
 
     def stop_by_key() -> None:
         if stop.cause is None:
-            view.notify(STOPPING)
+            view.notify(stopping)
         stop.make("Stopped by the key q.")
 
-    with view, stop_on_signals(stop, view.notify, STOPPING), _folder(output, part) as folder:
+    with view, stop_on_signals(stop, view.notify, stopping), _folder(output, part) as folder:
         for path in free_paths(folder, plan.trial):
             try:
                 return attempt(path), stop

@@ -104,10 +104,9 @@ def time_uncertainties(outcome: RecordingOutcome) -> dict[str, float]:
     try:
         with Working("Reading the file again"):
             trial = open_trial(outcome.path)
-            state_time = getattr(trial, "time_uncertainty_s", None)
             for device in outcome.devices:
-                if device.packets and state_time is not None:
-                    found[device.name] = state_time(device.name)
+                if device.packets:
+                    found[device.name] = trial.time_uncertainty_s(device.name)
     except (ImuRigError, OSError):  # info tells of it
         return {}
     return found

@@ -136,12 +136,18 @@ class RecordView:
         return going
 
     def _write_lines(self, console: Console) -> None:
-        line_s = time.monotonic()
+        def say(line: str) -> None:
+            console.print(line, markup=False, soft_wrap=True)
+
+        line_s, state = 0.0, ""
         while self._wait(console):
             status, now = self._status, time.monotonic()
-            if status is not None and now - line_s >= PLAIN_LINE_S:
-                line_s = now
-                console.print(plain_line(status), markup=False, soft_wrap=True)
+            if status is None or (status.state == state and now - line_s < PLAIN_LINE_S):
+                continue
+            if not state:
+                say(f"Recording to {one_line(str(status.path), LONGEST_SENTENCE)}.")
+            line_s, state = now, status.state
+            say(plain_line(status))
 
     def _write_json(self) -> None:
         try:

@@ -80,8 +80,7 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     statistics = trial.device_statistics(name)
     if statistics:
         facts |= {key: statistics[-1][1].get(key) for key in COUNTED}
-    state_time = getattr(trial, "time_uncertainty_s", None)
-    uncertainty = state_time(name) if state_time is not None and count else math.nan
+    uncertainty = trial.time_uncertainty_s(name) if count else math.nan
     facts["time_uncertainty_s"] = uncertainty if math.isfinite(uncertainty) else None
     facts["missing"] = [
         {"start_s": m.start_s, "stop_s": m.stop_s, "samples": m.samples, "reason": m.reason}

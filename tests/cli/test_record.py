@@ -117,6 +117,7 @@ def test_a_device_that_vanished_makes_the_recording_incomplete(inside, tmp_path)
     assert [m.reason for m in trial.missing("right")] == ["unplugged"]
     assert trial.missing("left") == []
     assert "imu-rig info" in done.stdout
+    assert done.stdout.count("± ") == 2  # both were heard, so both have a time
 
 
 def test_a_port_that_is_missing_is_told_and_leaves_nothing(inside, tmp_path):

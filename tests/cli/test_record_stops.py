@@ -46,6 +46,14 @@ def wait_until_live(folder: Path) -> Path:
     pytest.fail(f"nothing live in {folder}")
 
 
+def until(terminal: Terminal, modes: list[object]) -> list[object]:
+    """Wait for a terminal to have modes, and return those it has."""
+    deadline = time.monotonic() + PATIENCE_S
+    while terminal.modes_now() != modes and time.monotonic() < deadline:
+        terminal.read(0.01)
+    return terminal.modes_now()
+
+
 @pytest.fixture(scope="module")
 def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ending]]:
     """Five recordings at the same time, each ended in its own way."""
@@ -94,6 +102,11 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
             deadline = time.monotonic() + PATIENCE_S
             while paths["key"].stat().st_size < size + 5000 and time.monotonic() < deadline:
                 key.read()
+            halted = terminals["ctrl-c"]
+            halted.process.send_signal(signal.SIGTSTP)
+            at_halt = until(halted, halted.modes)
+            halted.process.send_signal(signal.SIGCONT)
+            again = until(halted, during)
             key.press("q")
             terminals["ctrl-c"].press("\x03")
             terminals["hang-up"].hang_up()
@@ -110,6 +123,7 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
                 "during": during,
                 "after": key.modes_now(),
                 "before": key.modes,
+                "halted": at_halt == key.modes and again == during,
             }
             yield found
         finally:
@@ -149,6 +163,7 @@ def test_the_terminal_gives_keys_one_by_one_and_is_as_before_afterwards(endings)
     modes = endings["key"].details
     assert modes["during"] != modes["before"]
     assert modes["after"] == modes["before"]
+    assert modes["halted"]
     assert endings["key"].text.rfind("\x1b[?25h") > endings["key"].text.rfind("\x1b[?25l")
 
 
