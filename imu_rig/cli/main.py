@@ -25,6 +25,7 @@ from imu_rig.cli import (
     noise,
     protocol,
     record,
+    repair,
     replay,
     simulate,
     solve,
@@ -53,6 +54,7 @@ app.command("noise")(noise.noise)
 app.command("record")(record.record)
 app.command("replay")(replay.replay)
 app.command("info")(info.info)
+app.command("repair")(repair.repair)
 app.command("export")(export.export)
 app.command("import")(import_.import_)
 app.add_typer(certificate.app, name="certificate")

@@ -7,7 +7,7 @@ from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
 from imu_rig.recording.contents import Source
 from imu_rig.recording.format import CLOCK_PAIR, TRIAL, Kind, encode_json
-from imu_rig.recording.log import Entry, RecordingOptions, RecordLog
+from imu_rig.recording.log import Count, Entry, RecordingOptions, RecordLog
 from imu_rig.recording.reader import RESUMED, Trial
 
 _WIRE_NAMES = {Kind.BYTES_IN: "in", Kind.BYTES_OUT: "out"}
@@ -52,14 +52,22 @@ def device_statistics(source: int, values: Mapping[str, Any], time_ns: int) -> E
 def end(log: RecordLog, sources: Collection[Source], reason: str, time_ns: int) -> Entry:
     """Return the record that ends a trial; what the disk did outweighs ``reason``."""
     names = {source.id: source.name for source in sources}
-    wires: dict[str, dict[str, int]] = {}
-    for kind, number in sorted(log.counts):
-        if direction := _WIRE_NAMES.get(Kind(kind)):
-            count = log.counts[kind, number]
-            counts = wires.setdefault(names.get(number, f"source-{number}"), {})
-            counts |= {f"records_{direction}": count.records, f"bytes_{direction}": count.bytes}
+    wires = wire_counts(log.counts, names)
     value = {"reason": log.end_reason or reason, **_totals(log), "sources": wires}
     return Kind.END, TRIAL, time_ns, encode_json(value, "The end")
+
+
+def wire_counts(
+    counts: Mapping[tuple[int, int], Count], names: Mapping[int, str]
+) -> dict[str, dict[str, int]]:
+    """Return what each source sent and was sent, by its name, as an end record states it."""
+    wires: dict[str, dict[str, int]] = {}
+    for kind, number in sorted(counts):
+        if direction := _WIRE_NAMES.get(Kind(kind)):
+            count = counts[kind, number]
+            of_source = wires.setdefault(names.get(number, f"source-{number}"), {})
+            of_source |= {f"records_{direction}": count.records, f"bytes_{direction}": count.bytes}
+    return wires
 
 
 def resumed(trial: Trial, now_ns: int) -> Entry:

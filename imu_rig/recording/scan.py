@@ -145,13 +145,13 @@ class Damage:
     def __str__(self) -> str:
         """Return the damage in words."""
         words = [
-            (self.records_lost, "records lost"),
-            (self.bytes_skipped, "bytes skipped"),
-            (self.tail_bytes, "bytes of a torn end"),
-            (self.records_repeated, "repeated records left out"),
-            (self.records_reordered, "records put back in order"),
+            (self.records_lost, "record", "lost"),
+            (self.bytes_skipped, "byte", "skipped"),
+            (self.tail_bytes, "byte", "of a torn end"),
+            (self.records_repeated, "repeated record", "left out"),
+            (self.records_reordered, "record", "put back in order"),
         ]
-        said = [f"{count} {what}" for count, what in words if count]
+        said = [f"{n} {what}{'s' * (n > 1)} {done}" for n, what, done in words if n]
         if self.header_damaged:
             said.append("one of two header copies damaged")
         return ", ".join(said) if said else "none"

@@ -3,9 +3,12 @@
 import errno
 import os
 import shutil
+import stat
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 from imu_rig.errors import InputError, NameTaken, StorageError
 
@@ -13,6 +16,7 @@ if sys.platform != "win32":
     import fcntl
 
 _O_BINARY = getattr(os, "O_BINARY", 0)  # Windows would otherwise translate line ends
+_READ_BYTES = 1 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -79,8 +83,7 @@ def create_for_append(path: Path) -> int:
         ) from error
     except OSError as error:
         raise _refused(path, "be created", error) from error
-    _lock(descriptor, path)
-    return descriptor
+    return _locked(descriptor, path)
 
 
 def open_for_append(path: Path) -> int:
@@ -97,8 +100,45 @@ def open_for_append(path: Path) -> int:
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | _O_BINARY)
     except OSError as error:
         raise _refused(path, "be continued", error) from error
-    _lock(descriptor, path)
-    return descriptor
+    return _locked(descriptor, path)
+
+
+@contextmanager
+def open_undisturbed(path: Path) -> Iterator[BinaryIO]:
+    """Open a trial file for reading that nobody may continue meanwhile.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or another program is writing it.
+    """
+    require_file(path)
+    try:
+        file = path.open("rb", buffering=_READ_BYTES)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}).") from error
+    with file:
+        _lock(file.fileno(), path, shared=True)
+        yield file
+
+
+def require_file(path: Path) -> None:
+    """Refuse what is no file, before it is opened: a pipe would make its reader wait for ever.
+
+    Raises
+    ------
+    InputError
+        If there is nothing of that name, or a folder, a pipe or a device.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        problem = getattr(error, "strerror", None) or "a name with a NUL character"
+        raise InputError(f"{path} cannot be read ({problem}).") from error
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path} cannot be read (it is a folder); name a file in it.")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path} cannot be read (it is a pipe or a device); name a file.")
 
 
 def sync_folder(folder: Path) -> None:
@@ -153,17 +193,24 @@ def _refused(path: Path, what: str, error: OSError) -> InputError | StorageError
     return InputError(f"{path} cannot {what} ({error.strerror}).")
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def _locked(descriptor: int, path: Path) -> int:
+    try:
+        _lock(descriptor, path)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _lock(descriptor: int, path: Path, *, shared: bool = False) -> None:
     if sys.platform == "win32":
         return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        os.close(descriptor)
         raise InputError(
             f"{path} is being written by another program; stop that one first."
         ) from error
     except OSError as error:  # some network disks have no locks; go on without
         if error.errno not in (errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK):
-            os.close(descriptor)
             raise _refused(path, "be locked", error) from error
