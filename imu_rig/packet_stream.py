@@ -23,9 +23,10 @@ from firmware_protocols.packets import counts
 from imu_rig.arrays import AnyArray, FloatArray, IntArray, StructArray
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
-from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, LiveClockFit, fit_clock
+from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, fit_clock
 from imu_rig.timing.counters import differences
 from imu_rig.timing.host_time import HostTime
+from imu_rig.timing.live_clock_fit import LiveClockFit
 from imu_rig.timing.sample_order import Ordered, SampleOrder, TimeSource
 
 # The real rate of samples that carry no clock is measured.

@@ -1,8 +1,9 @@
 """Time: device counters unwrapped, device clocks mapped to the host's monotonic clock."""
 
-from imu_rig.timing.clock_fit import ClockFit, LiveClockFit, fit_clock
+from imu_rig.timing.clock_fit import ClockFit, alignment_sigma_s, fit_clock
 from imu_rig.timing.counters import Unwrapper, unwrap
 from imu_rig.timing.device_time import DeviceTime, Unwrapped
+from imu_rig.timing.live_clock_fit import LiveClockFit
 
 __all__ = [
     "ClockFit",
@@ -10,6 +11,7 @@ __all__ = [
     "LiveClockFit",
     "Unwrapped",
     "Unwrapper",
+    "alignment_sigma_s",
     "fit_clock",
     "unwrap",
 ]
