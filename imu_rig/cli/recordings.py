@@ -52,7 +52,9 @@ class TableOptions:
 
 
 def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
-    """Open a trial file, saying on stderr what it has lost; None where ``file`` is a table.
+    """Open a trial file, saying on stderr what it has lost; None where ``file`` is none.
+
+    A trial is known by its name or, under another name, by how it begins.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
     """
     if file.suffix == ".json":
         _refuse_certificate(file)
-    if file.suffix != TRIAL_SUFFIX:
+    if file.suffix != TRIAL_SUFFIX and not _begins_like_a_trial(file):
         return None
     from imu_rig.cli.sessions import warn_of_damage
     from imu_rig.recording.reader import open_trial
@@ -74,13 +76,22 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
     return trial
 
 
-def _refuse_certificate(file: Path) -> None:
+def _begins_like_a_trial(file: Path) -> bool:
+    from imu_rig.recording.format import MAGIC
+
+    return file.is_file() and _head(file).startswith(MAGIC)
+
+
+def _head(file: Path) -> bytes:
     try:
         with file.open("rb") as stream:
-            head = stream.read(200)
+            return stream.read(200)
     except OSError:
-        return  # told by who reads it
-    if b'"imu-rig/certificate"' in head:
+        return b""  # told by who reads it
+
+
+def _refuse_certificate(file: Path) -> None:
+    if b'"imu-rig/certificate"' in _head(file):
         raise InputError(
             f"{file} is a certificate, not a recording: imu-rig certificate show {file} shows it."
         )

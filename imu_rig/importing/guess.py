@@ -53,6 +53,7 @@ QUIET_SHARE = 0.1
 def rest_magnitude(t: FloatArray, accel: FloatArray) -> float:
     """Magnitude (in the unit of ``accel``) that the quietest windows of half a second read."""
     width = max(4, min(len(t) // 2, round(0.5 / float(np.median(np.diff(t))))))
+    width = min(width, len(t))
     count = len(t) // width
     windows = accel[: count * width].reshape(count, width, 3)
     scatter = windows.var(axis=1).sum(axis=1)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.errors import InputError, reason_of
+from imu_rig.importing.matlab_elements import (
+    DamagedError,
+    Variable,
+    list_variables,
+    read_matrix,
+)
 from imu_rig.importing.read_table import LARGEST
 
 MAGIC = b"MATLAB 5.0 MAT-file"
@@ -18,12 +25,6 @@ NEWER_MAGIC = b"MATLAB 7.3 MAT-file"
 MAXIMUM_BYTES = 2_000_000_000
 MAXIMUM_ROWS = 10_000_000
 MAXIMUM_VARIABLES = 10_000
-_NUMBERS = frozenset(
-    [
-        *("double", "single", "logical"),
-        *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,15 @@ class MatlabFile:
     shapes : dict
         Shape of each matrix of numbers.
     others : tuple of str
-        Variables that are none: text, structures, cells, objects.
+        Variables that are none: text, structures, cells, objects, complex numbers.
+    variables : dict
+        Where each matrix lies.
     """
 
     path: Path
     shapes: dict[str, tuple[int, ...]]
     others: tuple[str, ...]
+    variables: dict[str, Variable]
 
 
 def begins_with(path: Path, *magics: bytes) -> bool:
@@ -72,22 +76,22 @@ def open_matlab(path: Path) -> MatlabFile:
     InputError
         A file of version 7.3, a damaged or a huge one.
     """
-    from scipy.io import whosmat
-
     if begins_with(path, NEWER_MAGIC):
         raise InputError(f"{path} is of MATLAB's version 7.3, which is not read; save it with -v7")
     if path.stat().st_size > MAXIMUM_BYTES:
         raise InputError(f"{path} has more than {MAXIMUM_BYTES // 10**9} GB: cut it up")
-    try:
-        listed = whosmat(str(path), appendmat=False)
-    except Exception as error:  # a damaged file makes the parser raise almost anything
-        raise _damaged(path) from error
-    if len(listed) > MAXIMUM_VARIABLES:
-        raise InputError(f"{path} holds more than {MAXIMUM_VARIABLES} variables")
+    listed: list[Variable] = []
+    with _sound(path) as file:
+        for variable in list_variables(file):
+            listed.append(variable)
+            if len(listed) > MAXIMUM_VARIABLES:
+                raise InputError(f"{path} holds more than {MAXIMUM_VARIABLES} variables")
+    matrices = {v.name: v for v in listed if v.numeric}
     return MatlabFile(
         path,
-        {name: tuple(shape) for name, shape, kind in listed if kind in _NUMBERS},
-        tuple(name for name, _, kind in listed if kind not in _NUMBERS),
+        {name: v.shape for name, v in matrices.items()},
+        tuple(v.name for v in listed if not v.numeric),
+        matrices,
     )
 
 
@@ -110,8 +114,6 @@ def read_matrices(file: MatlabFile, columns: Mapping[str, int]) -> dict[str, Flo
     InputError
         Naming the matrix of another shape, or of another number of rows than the first.
     """
-    from scipy.io import loadmat
-
     rows: int | None = None
     for name, count in columns.items():
         shape = file.shapes[name]
@@ -133,11 +135,11 @@ def read_matrices(file: MatlabFile, columns: Mapping[str, int]) -> dict[str, Flo
                 "matrix needs one for each sample"
             )
         rows = length
+    with _sound(file.path) as stream:
+        matrices = {name: read_matrix(stream, file.variables[name]) for name in columns}
     return {
-        name: np.ascontiguousarray(matrix.reshape(-1, columns[name]), dtype=np.float64)
-        if columns[name] > 1
-        else np.ascontiguousarray(matrix.ravel(), dtype=np.float64)
-        for name, matrix in _load(file, columns, loadmat).items()
+        name: np.ascontiguousarray(matrix.ravel() if columns[name] == 1 else matrix)
+        for name, matrix in matrices.items()
     }
 
 
@@ -149,11 +151,10 @@ def read_number(file: MatlabFile, name: str) -> float:
     InputError
         If it is a matrix or not finite.
     """
-    from scipy.io import loadmat
-
     if file.shapes[name] != (1, 1):
         raise InputError(f"{file.path}: {name} is {_times(file.shapes[name])}, not one number")
-    number = float(_load(file, {name: 1}, loadmat)[name].ravel()[0])
+    with _sound(file.path) as stream:
+        number = float(read_matrix(stream, file.variables[name])[0, 0])
     if not np.isfinite(number):
         raise InputError(f"{file.path}: {name} is {number}, which is no number")
     return number
@@ -193,21 +194,18 @@ def require_increasing(path: Path, name: str, t: FloatArray) -> None:
         )
 
 
-def _load(file: MatlabFile, names: Mapping[str, int], loadmat: Any) -> dict[str, Any]:
+@contextmanager
+def _sound(path: Path) -> Iterator[BinaryIO]:
+    """Open a file whose damage is told in a sentence."""
     try:
-        content = loadmat(str(file.path), appendmat=False, variable_names=list(names))
-        found = {name: content[name] for name in names}
-    except Exception as error:  # as above
-        raise _damaged(file.path) from error
-    for name, matrix in found.items():
-        numeric = isinstance(matrix, np.ndarray) and matrix.dtype.kind in "fiub"
-        if not numeric or matrix.shape != file.shapes[name]:
-            raise InputError(f"{file.path}: {name} is no matrix of real numbers")
-    return found
-
-
-def _damaged(path: Path) -> InputError:
-    return InputError(f"{path} is damaged, or no MATLAB file of version 5 to 7: save it anew")
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise InputError(f"{path} could not be read: {reason_of(error)}") from error
+    except DamagedError as error:
+        raise InputError(
+            f"{path} is damaged, or no MATLAB file of version 5 to 7: save it anew"
+        ) from error
 
 
 def _times(shape: tuple[int, ...]) -> str:

@@ -147,6 +147,14 @@ def test_x_io_damage_is_named_by_its_line(tmp_path):
     assert "1 columns instead" in message(100, "9")
 
 
+@pytest.mark.parametrize("rows", [2, 3, 5])
+def test_a_few_rows_are_a_recording(tmp_path, rows):
+    path = write_xsens(tmp_path / "a.txt", xsens_rows(rows))
+    assert len(load_foreign(path).imu()) == rows
+    write_inertial(tmp_path / "b.csv", range(0, 10_000 * rows, 10_000))
+    assert len(load_foreign(tmp_path / "b.csv").imu()) == rows
+
+
 def test_a_folder_is_not_left(tmp_path):
     (tmp_path / "outside").mkdir()
     write_inertial(tmp_path / "outside" / "Inertial.csv", range(0, 1_000_000, 10_000))
@@ -184,7 +192,10 @@ def set_back(ts):
         (changed(broad_content(), "sampling_rate", lambda r: -r), ["sampling_rate is -285"]),
         (changed(broad_content(), "sampling_rate", lambda r: r * np.nan), ["no number"]),
         (changed(broad_content(), "sampling_rate", lambda r: [r, r]), ["sampling_rate is 1 x 2"]),
-        (broad_content() | {"imu_acc": broad_content()["imu_acc"] + 1j}, ["no matrix of real"]),
+        (
+            broad_content() | {"imu_acc": broad_content()["imu_acc"] + 1j},
+            ["of no kind that is read"],
+        ),
         (without(broad_content(), "imu_acc"), ["of no kind that is read"]),
         (changed(pyshoe_content(), "ts", set_back), ["row 101 of ts"]),
         (changed(pyshoe_content(), "ts", lambda t: 1000 * t), ["ts must be in seconds"]),
@@ -210,7 +221,7 @@ def test_matlab_files_state_their_units(tmp_path):
 def test_a_huge_matrix_is_refused_by_its_shape_alone(tmp_path, monkeypatch):
     path = write_mat(tmp_path / "a.mat", pyshoe_content(n=500), do_compression=True)
     monkeypatch.setattr("imu_rig.importing.matlab_file.MAXIMUM_ROWS", 400)
-    monkeypatch.setattr("scipy.io.loadmat", None)
+    monkeypatch.setattr("imu_rig.importing.matlab_file.read_matrix", None)
     assert "has 500 rows" in refusal(path)
 
 

@@ -282,6 +282,16 @@ def test_broad_keeps_its_reference_with_what_the_cameras_lost(tmp_path, compress
     assert np.array_equal(reference.t, block.t)
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("dtype", ["f4", "i1", "u2", "i8", ">f8"])
+def test_numbers_of_every_type_are_read(tmp_path, compressed, dtype):
+    content = pyshoe_content()
+    truth = (100 * np.random.default_rng(1).random((300, 3))).astype(dtype)
+    path = write_mat(tmp_path / "a.mat", content | {"gt": truth}, do_compression=compressed)
+    position = load_foreign(path).reference.position
+    assert np.array_equal(position, truth.astype(float) * [1, -1, 1])
+
+
 def test_pyshoe_truth_becomes_right_handed_and_axes_stay(tmp_path):
     content = pyshoe_content()
     recording = load_foreign(write_mat(tmp_path / "a.mat", content))

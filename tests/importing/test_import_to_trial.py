@@ -163,9 +163,11 @@ def test_times_come_back_at_every_rate(tmp_path, path, rate):
 
 def test_a_sensor_that_is_no_imu(tmp_path, path):
     pressure = stream(np.arange(50) / 10, values={"pressure": 1000 + np.arange(50.0)})
-    trial, _ = trial_of(tmp_path, foreign(path, baro=pressure, imu=stream(np.arange(99) / 100)))
-    require_same(trial.samples("baro"), pressure)
-    assert trial.source("baro").kind == "pressure"
+    recording = foreign(path, baro=pressure, imu=stream(np.arange(99) / 100))
+    trial, _ = trial_of(tmp_path, recording, name="waist")
+    assert list(trial.sources) == ["waist-baro", "waist-imu"]
+    require_same(trial.samples("waist-baro"), pressure)
+    assert trial.source("waist-baro").kind == "pressure"
 
 
 def test_nothing_is_overwritten_and_nothing_half_written_is_left(tmp_path, path):

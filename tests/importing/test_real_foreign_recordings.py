@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from imu_rig.importing.column_map import ColumnMap
 from imu_rig.importing.formats import load_foreign
@@ -45,9 +46,7 @@ def test_feet_and_waist_of_one_walk_become_one_trial(walking, tmp_path):
         for start, stop in swings:
             swinging |= (samples.t >= start) & (samples.t <= stop)
         assert np.median(turning[swinging]) > 5 * np.median(turning[~swinging])
-        assert np.array_equal(
-            samples.counter, np.loadtxt(files[1 + (key == "Right")], skiprows=2)[:, 0]
-        )
+        assert np.array_equal(samples.counter, np.loadtxt(file, skiprows=2)[:, 0])
     missing = sum(gap.samples for gap in trial.missing("12-3_lf"))
     assert missing == 3116 - 2471
 
@@ -70,7 +69,11 @@ def test_an_ngimu_repeats_rows_where_it_misses_some(imu_rig_data, tmp_path, name
     ("name", "way"), [("2017-11-22-11-22-03", "down"), ("2018-02-22-10-09-36", "up")]
 )
 def test_pyshoe_says_which_way_its_z_points(imu_rig_data, name, way):
-    recording = load_foreign(imu_rig_data / "foot" / "pyshoe_vicon" / f"{name}.mat")
+    file = imu_rig_data / "foot" / "pyshoe_vicon" / f"{name}.mat"
+    recording = load_foreign(file)
+    content = loadmat(file)
+    assert np.array_equal(recording.imu().gyro, content["imu"][:, 3:])
+    assert np.array_equal(recording.reference.position, content["gt"] * [1, -1, 1])
     assert any(f"z points {way}" in note for note in recording.notes)
     assert len(recording.reference) == len(recording.imu())
 
@@ -83,7 +86,10 @@ def test_broad_references_turn_gravity_up(imu_rig_data, tmp_path, number):
     write_trial(tmp_path / "a.imu-trial", recording)
     trial = open_trial(tmp_path / "a.imu-trial")
     block, truth = trial.imu("imu"), trial.samples("reference")
-    assert np.array_equal(block.accel, recording.imu().accel)
+    content = loadmat(file)
+    assert np.array_equal(block.accel, content["imu_acc"])
+    assert np.array_equal(block.mag, content["imu_mag"])
+    assert np.array_equal(truth.values["orientation"], content["opt_quat"], equal_nan=True)
     orientation = truth.values["orientation"]
     rest = (truth.t < 20) & np.isfinite(orientation[:, 0])
     up = rotate(orientation[rest], block.accel[rest]).mean(axis=0)
