@@ -40,13 +40,16 @@ def record(
         typer.Option(
             "--device",
             "-d",
-            help='A device: PORT or NAME=PORT, then what is unusual: "left=/dev/ttyUSB0,'
-            'layout=baro-16,baud=230400,certificate=left.json,optional". Repeat it for each.',
+            help='A device: PORT or NAME=PORT, as in "left shoe=/dev/ttyUSB0". What is unusual '
+            "follows, with commas: layout=FILE, baud=230400, certificate=FILE, optional. Repeat "
+            "it for each device.",
         ),
     ] = None,
     setup: Annotated[
         Path | None,
-        typer.Option("--setup", help="TOML file of devices, jig and trial; options go before it."),
+        typer.Option(
+            "--setup", help="TOML file of devices, jig and trial; options replace and add."
+        ),
     ] = None,
     layout: Annotated[
         str | None,
@@ -210,7 +213,8 @@ def _folder(output: Path, part: str) -> Iterator[Path]:
     """Make the folder of a session; what was made for nothing is taken away again."""
     from imu_rig.recorder.naming import make_folder
 
-    missing = [p for p in ((output / part), *(output / part).parents) if not p.exists()]
+    whole = output / part
+    missing = [p for p in (whole, *whole.parents) if not os.path.lexists(p)]
     folder = make_folder(output, part)
     try:
         yield folder

@@ -171,6 +171,7 @@ def test_a_full_disk_is_told_before_anything_begins(inside, tmp_path, monkeypatc
         (["-d", "/dev/x", "--subject", "x" * 300], "subject"),
         (["-d", "/dev/x", "--setup", "no.toml"], "no.toml"),
         (["-d", "/dev/x", "--output", "file"], "file is no folder"),
+        (["-d", "/dev/x", "--output", "x" * 300], "name another --output"),
     ],
 )
 def test_what_cannot_be_meant_is_one_sentence(inside, tmp_path, arguments, said):
