@@ -142,7 +142,7 @@ def _tell_placing(
         output.notes.append(f"Of {len(data.markers)} markers the first {MOST_EVENTS} are in it.")
     if markers:
         times = [[0.0] * len(markers), [marker.t - grid.start_s for marker in markers]]
-        file.add_parameter("EVENT", "USED", [len(markers)])
+        file.add_parameter("EVENT", "USED", len(markers))
         file.add_parameter("EVENT", "CONTEXTS", ["General"] * len(markers))
         file.add_parameter("EVENT", "LABELS", [_short(marker.label) or "-" for marker in markers])
         file.add_parameter("EVENT", "TIMES", np.array(times))

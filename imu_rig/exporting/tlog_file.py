@@ -59,7 +59,8 @@ def write_tlog(data: TrialData, place: Place, output: Output) -> None:
             state = f"calibrated {', '.join(device.calibrated)}" if device.calibrated else "raw"
             component = FIRST_COMPONENT + number
             text = f"id {number}, component {component}: {device.name}, {state}"
-            texts.append((round(device.start_utc_ns / 1000), component, text))
+            begin = stream.utc_us.min(initial=round(device.start_utc_ns / 1000))
+            texts.append((int(begin), component, text))
     if not streams:
         raise DataError(
             f"{data.trial.path}: no device measures what MAVLink has a message for "
