@@ -38,7 +38,7 @@ FINE_S = 0.0015  # waits below this are slept, above it a client's word ends the
 SETTLE_S = 0.1  # a program that opens a terminal throws away what came before it was set up
 RETURN_S = 2.0  # of replay time, for which a port that is plugged in again waits for its client
 
-FOLLOW_S = 0.5  # of the clock, for which the data wait for a command that was due
+FOLLOW_S = 0.5  # of both clocks, for which the data wait for a command that was due
 GRACE_NS = 30_000_000  # of replay time: what was sent so soon after a command shows nothing of it
 LINGER_S = 5.0  # of the clock: for a program that asks and is behind to finish what it does
 
@@ -151,6 +151,7 @@ class Replay:
         self._next: TimedChunk | None = None
         self._origin_ns: int | None = None
         self._held_ns: int | None = None
+        self._held_since_s = 0.0
         self._base_ns = self._played_ns = 0
         self._ended_ns: int | None = None
         self._loops = 0
@@ -383,8 +384,11 @@ class Replay:
             expected = None if each.answers is None else each.answers.expected_ns
             if expected is None or self._due_ns() - self._base_ns <= expected + GRACE_NS:
                 continue
-            held_ns = self._clock.now_ns() - (self._held_ns or self._clock.now_ns())
-            if held_ns < FOLLOW_S * NS_PER_S:
+            if self._held_ns is None:
+                self._held_since_s = time.monotonic()
+                return True
+            held_s = (self._clock.now_ns() - self._held_ns) / NS_PER_S
+            if min(held_s, time.monotonic() - self._held_since_s) < FOLLOW_S:
                 return True
             if each.answers is not None:
                 each.answers.give_up()
