@@ -39,6 +39,16 @@ class Packets:
         """Return the number of packets."""
         return len(self.rows)
 
+    @staticmethod
+    def concatenate(parts: list[Packets]) -> Packets:
+        """Join packets of one stream in order, of which there must be a part."""
+        if len(parts) == 1:
+            return parts[0]
+        return Packets(
+            np.concatenate([part.rows for part in parts]),
+            np.concatenate([part.end for part in parts]),
+        )
+
 
 @dataclass(frozen=True)
 class DecodeStats:
@@ -121,6 +131,16 @@ class StreamDecoder:
         else:
             rows, end = np.empty((0, self.layout.length), np.uint8), np.empty(0, np.int64)
         return Packets(rows.view(self.layout.dtype).reshape(-1), end)
+
+    def cut(self) -> None:
+        """Let no packet lie on both sides of here: something may be missing before what comes.
+
+        Whole packets stay, also one that waits for the header behind it.
+        """
+        if len(self._tail) != self.layout.length:
+            self._skipped += len(self._tail)
+            self._tail_offset += len(self._tail)
+            self._tail = b""
 
     def _feed_piece(self, piece: memoryview) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int64]]:
         joined = b"".join((self._tail, piece))

@@ -40,6 +40,8 @@ _WIRE_KIND = {"in": Kind.BYTES_IN, "out": Kind.BYTES_OUT}
 _SPAN_BYTES = 4 << 20  # read from the file at a time
 RESUMED = "resumed"
 MARKER = "marker"
+LATE = ("silent", "unreadable")  # reasons of gaps over which a port's bytes still belong together
+ROUNDING_S = 1e-6  # of times in gap records
 
 
 def open_trial(path: Path | str) -> Trial:
@@ -321,6 +323,28 @@ class Trial:
         _, packets = self._packets(name)
         return missing_samples(packets, self._causes(name), self.duration_s)
 
+    def time_uncertainty_s(self, name: str) -> float:
+        """Return the standard uncertainty of a sensor's times where it is worst [s].
+
+        Each device's clock is mapped to the recording computer's by its own fit, so that samples
+        of several devices can be compared by their ``t`` as they are. The uncertainty of the time
+        between samples of two devices is the root of the sum of the squares of both uncertainties
+        (`imu_rig.timing.alignment_sigma_s`), and the difference between the constant parts of
+        their delays, which no fit can see, comes on top: nothing for two devices on links of the
+        same kind, up to a few milliseconds between a cable and a radio.
+
+        Returns
+        -------
+        float
+            Infinite where nothing came, or where the times cannot be right.
+
+        Raises
+        ------
+        InputError
+            As :meth:`samples`.
+        """
+        return self._packets(name)[1].sigma_s
+
     def _packets(self, name: str) -> tuple[PacketLayout, AssembledPackets]:
         """Decode a source; the last one asked for is kept, for its samples are asked in turns."""
         if self._decoded is None or self._decoded[0] != name:
@@ -328,7 +352,7 @@ class Trial:
             wire = self.wire(name)
             # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
             arrival_s = np.maximum.accumulate(wire.t)
-            packets = assemble_packets(layout, wire.data, wire.stops, arrival_s)
+            packets = assemble_packets(layout, wire.data, wire.stops, arrival_s, wire.breaks)
             self._decoded = name, layout, packets
         return self._decoded[1:]
 
@@ -345,7 +369,13 @@ class Trial:
         lost_before = self.records.sequence[rows].astype(np.int64) - rows
         breaks = np.zeros(len(rows), bool)
         breaks[1:] = np.diff(lost_before) > 0
-        own = [row for row, gap in self._gaps if gap.source == number]
+        own = [
+            row
+            for row, gap, first in self._gap_records
+            if gap.source in (number, TRIAL)
+            and gap.fields.get("reason") not in LATE
+            and (first == row or "until_s" not in gap.fields)
+        ]
         causes = np.concatenate([np.array(own, np.int64), self._resumed_rows])
         after = np.searchsorted(rows, causes)
         breaks[after[(after > 0) & (after < len(rows))]] = True
@@ -364,8 +394,13 @@ class Trial:
 
         causes = []
         for row, gap in self._gaps:
-            if gap.source == number:
-                causes.append(Cause(after(row), gap.t, str(gap.fields.get("reason", "unknown"))))
+            if gap.source == TRIAL and after(row) < np.inf:  # of any source
+                causes.append(Cause(after(row), None, str(gap.fields.get("reason", "unknown"))))
+            elif gap.source == number:
+                until_s, back_s = gap.fields.get("until_s"), after(row)
+                if isinstance(until_s, int | float) and 0 <= until_s <= self.duration_s:
+                    back_s = until_s - ROUNDING_S
+                causes.append(Cause(back_s, gap.t, str(gap.fields.get("reason", "unknown"))))
         for row in self._resumed_rows.tolist():
             causes.append(Cause(after(row), self._t(row), "recording interrupted"))
         lost_before = records.sequence[rows].astype(np.int64) - rows
@@ -373,16 +408,21 @@ class Trial:
             causes.append(Cause(float(arrival_s[index]), None, "lost in the file"))
         return causes
 
-    @cached_property
+    @property
     def _gaps(self) -> list[tuple[int, Gap]]:
         """Gaps with the row of the first record of each; a repetition completes the first."""
-        found: dict[tuple[int, int], tuple[int, Gap]] = {}
+        return list({first: (first, gap) for _, gap, first in self._gap_records}.values())
+
+    @cached_property
+    def _gap_records(self) -> list[tuple[int, Gap, int]]:
+        """Rows of gap records, what they say, and the row of the first record of the same gap."""
+        found = []
+        firsts: dict[tuple[int, int], int] = {}
         for row, value in self._objects(Kind.GAP):
             number = int(self.records.source[row])
-            key = number, int(self.records.time_ns[row])
-            first = found[key][0] if key in found else row
-            found[key] = first, Gap(self._t(row), number, value)
-        return list(found.values())
+            first = firsts.setdefault((number, int(self.records.time_ns[row])), row)
+            found.append((row, Gap(self._t(row), number, value), first))
+        return found
 
     def _statistics(self, number: int) -> list[tuple[float, dict[str, Any]]]:
         return [
