@@ -12,6 +12,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from damage_harness import damage, parser, problems_of
 from hypothesis import given
 from hypothesis import strategies as st
 from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, numbers, write_trial
@@ -124,6 +125,15 @@ def test_losing_the_middle_is_told_by_breaks(sound, changed):
     assert breaks[steps.index(max(steps)) + 1]
     assert trial.damage.records_lost == ROWS - len(found)
     assert trial.damage.bytes_skipped >= 300
+
+
+def test_no_damage_alters_a_decoded_row(tmp_path):
+    """The figures of damage_harness.py, in short."""
+    short = "--seconds 2 --flips 40 --cut-bytes 8000 --cut-step 211 --zero-step 1201 --mixes 12"
+    for what, figures in damage(tmp_path, parser().parse_args(short.split())).items():
+        assert figures.rows > 500, what
+        assert figures.wrong_rows == 0, what
+        assert problems_of(figures) == []
 
 
 @pytest.mark.parametrize(
