@@ -102,9 +102,16 @@ def _chosen(trial: Trial, wanted: list[str] | None) -> list[str]:
     for name in wanted or ():
         if name not in trial.sensors:
             raise InputError(
-                f"{trial.path} has no sensor {name!r} (it has {', '.join(trial.sensors)})."
+                f"{trial.path} has no sensor {name!r} (it has {_listed(trial.sensors)})."
             )
     return [name for name in trial.sensors if not wanted or name in wanted]
+
+
+def _listed(names: list[str]) -> str:
+    """Put names, which may hold anything, into a sentence."""
+    from imu_rig.foreign_text import one_line
+
+    return ", ".join(one_line(name) for name in names)
 
 
 def _fields(trial: Trial, name: str) -> set[str]:
@@ -125,7 +132,7 @@ def _kept_certificates(trial: Trial, names: list[str]) -> dict[str, Certificate]
     with_one = [name for name in imus if "certificate" in trial.source(name).descriptor]
     if not with_one:
         raise InputError(
-            f"{trial.path} holds no certificate of {', '.join(imus) or 'any sensor'}: export it "
+            f"{trial.path} holds no certificate of {_listed(imus) or 'any sensor'}: export it "
             "raw, or give one with --certificate."
         )
     found = {}
@@ -150,7 +157,7 @@ def _given_certificate(
     if len(imus) != 1:
         raise InputError(
             f"A certificate is of one sensor, and {len(imus)} inertial sensors are to be exported "
-            f"({', '.join(imus) or 'none'}): name one with --sensor."
+            f"({_listed(imus) or 'none'}): name one with --sensor."
         )
     (name,) = imus
     _require_same_device(certificate, recorded_device(trial, name), any_device=any_device)
