@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 WIDTH = 80
 NAME_WIDTH = 20
-MOST_BYTES_AT_ONCE = 100_000_000
+MOST_BYTES_AT_ONCE = 20_000_000
 """A larger file is not read again at the end to state its uncertainty of time."""
 
 
