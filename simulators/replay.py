@@ -35,7 +35,8 @@ FAST = math.inf
 IDLE_S = 0.01  # longest time between two looks at the ports
 BUSY_S = 0.002  # between two attempts to send to a client that is behind
 FINE_S = 0.0015  # waits below this are slept, above it a client's word ends them
-SETTLE_S = 0.1  # a program that opens a terminal throws away what came before it was set up
+SETTLE_S = 0.25  # a program that opens a terminal throws away what came before it was set up
+QUIET_S = 0.1  # for which a terminal must look empty to be empty
 RETURN_S = 2.0  # of replay time, for which a port that is plugged in again waits for its client
 
 FOLLOW_S = 0.5  # of both clocks, for which the data wait for a command that was due
@@ -308,8 +309,8 @@ class Replay:
         self._stepped_clock()
         with self._lock:
             self._begin_stepping()
-            self.step(0)
             if self._peek() is None:
+                self.step(0)
                 return None
             seconds = max(0.0, (self._due_ns() - self._replay_ns()) / NS_PER_S / self._speed)
             self.step(math.ceil(seconds * NS_PER_S) / NS_PER_S)
@@ -397,7 +398,7 @@ class Replay:
     def _room_for(self, chunk: TimedChunk) -> bool:
         _, name, what, _ = chunk
         each = self._served.get(name)
-        if each is None or what not in ("in", "unplug"):
+        if each is None or what in ("plug", "end"):
             return True
         absent = each.since_s is None
         if what == "unplug":  # what came before it was received, so it must be now
@@ -474,10 +475,13 @@ class Replay:
             self._finished.set()
 
     def _lingers(self) -> bool:
-        """Whether a program may still be talking to a device that answers."""
+        """Whether a program that has asked a device may still be asking."""
         if self._ended_ns is None:
             self._ended_ns = self._clock.now_ns()
-        asking = any(s.answers is not None and s.since_s is not None for s in self._served.values())
+        asking = self._speed != FAST and any(
+            s.answers is not None and s.since_s is not None and s.received
+            for s in self._served.values()
+        )
         return asking and self._clock.now_ns() - self._ended_ns < LINGER_S * NS_PER_S
 
     # --- time ----------------------------------------------------------------------------------
@@ -499,7 +503,8 @@ class Replay:
 
     def _peek(self) -> TimedChunk | None:
         if self._next is None and not self._ending:
-            self._next = next(self._script, None)
+            sent = (chunk for chunk in self._script if chunk[2] != "out")
+            self._next = next(sent, None)
             if self._next is None:
                 self._ending = True
         return self._next
@@ -586,6 +591,8 @@ class Replay:
             missing = [s.name for s in self._served.values() if not s.ready]
             if missing:
                 raise RuntimeError(f"nobody has opened the port of {', '.join(missing)} yet.")
+        if self._origin_ns is None:
+            self._origin_ns = self._clock.now_ns()
 
     def _made_ports(self, resources: ExitStack) -> dict[str, SimulatedPort]:
         if self._transport == "tcp":
@@ -662,7 +669,8 @@ class _Served:
             return False
         if self.empty_since_s is None:
             self.empty_since_s = now_s
-        return self.since_s is None or now_s - self.empty_since_s >= self.settle_s
+        quiet_s = min(self.settle_s, QUIET_S)
+        return self.since_s is None or now_s - self.empty_since_s >= quiet_s
 
     def flush(self) -> None:
         """Send what the client has room for."""

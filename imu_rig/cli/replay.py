@@ -264,8 +264,9 @@ def _step_by_hand(player: Replay, stop: StopRequest, view: _ProgressLine) -> Non
     threading.Thread(target=_read_lines, args=(lines,), name="stdin", daemon=True).start()
     _say(STEP_HELP)
     while stop.cause is None and player.status.state != "ended":
-        ready = player.status.state != "waiting" or player.wait_for_clients(0)
-        if ready:
+        if player.status.state == "waiting":
+            player.wait_for_clients(0)
+        else:
             player.step(0)
         try:
             line = lines.get(timeout=LOOK_S)

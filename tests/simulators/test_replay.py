@@ -137,14 +137,17 @@ def test_bytes_keep_the_distances_that_were_recorded():
 def test_steps_send_what_is_due_and_nothing_more(transport):
     pieces = (0, b"a"), (NS_PER_S, b"b"), (NS_PER_S, b"c"), (3 * NS_PER_S, b"d")
     chunks = script(*pieces, end_ns=4 * NS_PER_S)
+    chunks.insert(1, (5, "a", "out", b"not sent to anybody"))
     clock = SteppedClock(start_ns=77)
     with Replay(["a"], chunks, clock=clock, transport=transport) as replay:
         with pytest.raises(RuntimeError, match="nobody has opened the port of a"):
             replay.step(1.0)
         port = open_port(replay.url("a"))
         assert replay.wait_for_clients(PATIENCE_S)
-        replay.step(0.999_999_999)
+        assert replay.step_to_next() == 0.0
         assert read_now(port) == b"a"
+        replay.step(0.999_999_999)
+        assert read_now(port) == b""
         assert replay.step_to_next() == pytest.approx(1e-9)
         assert read_now(port) == b"bc"
         replay.step(1.0)
@@ -295,6 +298,23 @@ def test_a_program_that_is_ahead_or_behind_gets_the_answers_to_its_own_commands(
             command = b"go right" if b"right" in reply else b"go left"
             assert answers_of(model, command, command_s) == [b""]
         assert answers_of(model, b"where?", asked_s) == [reply]
+
+
+def test_a_command_sent_twice_in_a_row_is_the_second_of_the_recording():
+    """A servo is first taken hold of where it is, then sent there: the same bytes."""
+    asked = [
+        (0, b"where?", ((1, b"released"),)),
+        (1 * NS_PER_S, b"go", ()),
+        (1 * NS_PER_S + 2 * MS, b"go", ()),
+        (1 * NS_PER_S + 3 * MS, b"where?", ((1, b"there"),)),
+        (5 * NS_PER_S, b"release", ()),
+        (6 * NS_PER_S, b"where?", ((1, b"released"),)),
+    ]
+    model = RecordedAnswers(asked)
+    assert answers_of(model, b"gogowhere?", 0.1) == [b"", b"", b"there"]
+    assert answers_of(model, b"where?", 3.0) == [b"there"]
+    once = RecordedAnswers(asked)
+    assert answers_of(once, b"gowhere?", 0.1) == [b"", b"there"]
 
 
 def test_requests_are_told_apart_however_the_line_cuts_them():
