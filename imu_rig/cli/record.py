@@ -16,7 +16,7 @@ import typer
 from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
 from imu_rig.cli.options import Quiet
 from imu_rig.cli.terminal import fitted
-from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, InputError, NameTaken
+from imu_rig.errors import ImuRigError, InputError, NameTaken
 
 if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 DEFAULT_OUTPUT = Path("recordings")
 DEFAULT_MAX_LOSS = 5.0
 WAIT_S = 30.0  # for required devices where nobody sits at a terminal
-STOPPED_EXIT = 130
 MOST_SIMULATED = 16
 SIMULATED_SKEW_PPM = 10.0  # of the first device's clock; the second's is twice as wrong ...
 STOPPING = "Stopping: {0}the file is closed now; once more to hurry."
@@ -104,7 +103,7 @@ def record(
 ) -> None:
     """Record any number of devices until Ctrl-C, q or the planned duration."""
     from imu_rig.cli.record_setup import Options, setup_from
-    from imu_rig.cli.record_summary import result_json, shortfalls, summary_lines
+    from imu_rig.cli.record_summary import exit_code, result_json, shortfalls, summary_lines
 
     if wait is not None and not (math.isfinite(wait) and wait >= 0):
         raise InputError(f"--wait {wait} is no number of seconds to wait.")
@@ -136,14 +135,13 @@ def record(
         )
         outcome, stop = _record(plan, output, wait_s=wait, quiet=quiet, as_json=as_json)
     short = shortfalls(outcome, max_loss / 100.0)
-    hurried = stop.cause is not None and "SIGINT" not in stop.cause
+    code = exit_code(outcome, short)
+    # whoever ends programs by these does not wait for figures
+    hurried = stop.cause is not None and any(n in stop.cause for n in ("SIGTERM", "SIGHUP"))
     lines = [result_json(outcome, short)] if as_json else summary_lines(outcome, brief=hurried)
     _say(sys.stdout, lines)
     _say(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
-    if short:
-        raise typer.Exit(INCOMPLETE_EXIT)
-    if outcome.reason == "interrupted":
-        raise typer.Exit(STOPPED_EXIT)
+    raise typer.Exit(code)
 
 
 def _record(

@@ -10,7 +10,7 @@ import textwrap
 from typing import TYPE_CHECKING, Any
 
 from imu_rig.cli.record_view import clock, lost_text, size
-from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError
+from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, SessionInterrupted
 from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
@@ -51,6 +51,13 @@ def shortfalls(outcome: RecordingOutcome, max_loss: float) -> list[str]:
     return told
 
 
+def exit_code(outcome: RecordingOutcome, short: list[str]) -> int:
+    """Return what the program tells whoever started it."""
+    if short:
+        return INCOMPLETE_EXIT
+    return SessionInterrupted.exit_code if outcome.reason == "interrupted" else 0
+
+
 def result_json(outcome: RecordingOutcome, short: list[str]) -> str:
     """Return the last line of ``--json``."""
     result: dict[str, Any] = {
@@ -58,7 +65,7 @@ def result_json(outcome: RecordingOutcome, short: list[str]) -> str:
         "path": str(outcome.path),
         "complete": not short and outcome.reason == "complete",
         "shortfalls": short,
-        "exit_code": INCOMPLETE_EXIT if short else 0,
+        "exit_code": exit_code(outcome, short),
     }
     for device, values in zip(outcome.devices, result["devices"], strict=True):
         values["loss"] = device.loss

@@ -171,6 +171,7 @@ def test_the_table_is_drawn_over_itself_and_the_figures_stay(endings):
     text = endings["key"].text
     assert "● RECORDING" in text
     assert "\x1b[2J" not in text
+    assert "± " in text.rpartition("device")[2]  # how well its time is known
     assert text.rstrip().splitlines()[-2].lstrip().startswith("imu-rig info recordings/")
 
 
