@@ -3,7 +3,8 @@
 Run ``python tests/simulators/replay_timing.py [--seconds 30] [--devices 4] [--rate 400] [--tcp]``.
 It writes a trial of devices that send a packet at known times, replays it at 1x, and stamps every
 packet when the client has read it. Printed are the differences between arrival and recorded time,
-the smallest of all taken as the common offset of the two clocks' origins.
+the smallest of all taken as the common offset of the two clocks' origins; and, for the share of it
+that is the machine's, how late a process that only sleeps was woken meanwhile.
 """
 
 from __future__ import annotations
@@ -74,6 +75,17 @@ def client() -> None:
     json.dump(found, sys.stdout)
 
 
+def sleeper() -> None:
+    """Sleep in short pieces until asked to stop and print how late each ended [ms]."""
+    late = []
+    print("asleep", flush=True)
+    while not select.select([sys.stdin], [], [], 0)[0]:
+        begin = time.monotonic()
+        time.sleep(0.0025)
+        late.append((time.monotonic() - begin - 0.0025) * 1e3)
+    json.dump([float(np.percentile(late, share)) for share in (50, 99, 100)], sys.stdout)
+
+
 def measured(devices: int, rate_hz: float, seconds: float, transport: str) -> dict[str, float]:
     """Return the figures of one run [ms]."""
     with tempfile.TemporaryDirectory() as folder:
@@ -84,11 +96,18 @@ def measured(devices: int, rate_hz: float, seconds: float, transport: str) -> di
                 [sys.executable, __file__, "--client", *replay.ports().values()],
                 stdout=subprocess.PIPE,
             )
+            sleeping = subprocess.Popen(
+                [sys.executable, __file__, "--sleeper"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
             cpu = time.process_time()
             output, _ = reading.communicate(timeout=seconds + 60)
             cpu = time.process_time() - cpu
+            said, _ = sleeping.communicate(b"stop\n")
             late_ms = np.array(replay.lateness_s()) * 1e3
     t_ns, arrival_ns = np.array(json.loads(output), np.int64).T
+    asleep = json.loads(said.removeprefix(b"asleep\n"))
     error_ms = (arrival_ns - t_ns - (arrival_ns - t_ns).min()) / 1e6
     return {
         "packets": len(t_ns),
@@ -96,7 +115,11 @@ def measured(devices: int, rate_hz: float, seconds: float, transport: str) -> di
         "p50_ms": float(np.percentile(error_ms, 50)),
         "p99_ms": float(np.percentile(error_ms, 99)),
         "max_ms": float(error_ms.max()),
+        "sent_late_p50_ms": float(np.percentile(late_ms, 50)),
         "sent_late_p99_ms": float(np.percentile(late_ms, 99)),
+        "sleeper_late_p50_ms": asleep[0],
+        "sleeper_late_p99_ms": asleep[1],
+        "sleeper_late_max_ms": asleep[2],
         "cpu_share": cpu / seconds,
     }
 
@@ -104,6 +127,8 @@ def measured(devices: int, rate_hz: float, seconds: float, transport: str) -> di
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--client"]:
         client()
+    elif sys.argv[1:2] == ["--sleeper"]:
+        sleeper()
     else:
         parser = argparse.ArgumentParser(description=__doc__)
         parser.add_argument("--seconds", type=float, default=30.0)
