@@ -36,7 +36,7 @@ def import_(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE...",
+            metavar="FILE",
             help="CSV or text, Xsens text, x-IMU3 or NGIMU (file or folder), BROAD or pyshoe .mat.",
         ),
     ],

@@ -1,8 +1,8 @@
 """A recording of another program as a trial file, so that whatever reads trials reads it.
 
 Every stream becomes a source that sends packets: its numbers as they were read, in full precision,
-its own times as the device's clock, and a counter that jumps where packets are missing. Records
-arrive at the time of their last packet, so nothing of a transport is made up.
+its own times as the device's clock, and a counter that jumps where packets are missing. A packet
+arrives when it was measured, so nothing of a transport is made up.
 """
 
 from __future__ import annotations
@@ -34,15 +34,14 @@ REFERENCE = "reference"
 TICK_S = 1e-6
 TICK_NS = 1000
 CLOCK_WRAPS = 1 << 32
-RECORD_S = 0.05
-"""Time that one record spans at most [s]: several packets of a fast sensor share it."""
 LONGEST_S = 30 * 86_400.0
 HEADER = b"\xa5\x5aRV"
 CHECKSUM = "crc32"
 QUEUED_BYTES = 2 << 20
 """Waiting for the disk before it is waited for."""
 ENCODED_ROWS = 4096
-TOLD_ROWS = 20_000
+LOOKED_AFTER = 256
+"""Packets after which the disk is looked after; they take less room than the queue has."""
 JITTER_ROWS = 50
 """Rows within which time stamps that run ahead are caught up where nothing is missing."""
 GAP_PERIODS = 1.5
@@ -127,19 +126,14 @@ def write_trial(
             numbers = {
                 s.name: writer.add_source(s.name, s.kind, s.descriptor(recording)) for s in sources
             }
-            done = told = 0
-            records = merge(*(s.records(start) for s in sources), key=_time_of)
-            for source, time_ns, data, packets in records:
-                clock.advance((time_ns - clock.now_ns()) / NS_PER_S)
-                writer.bytes_in(numbers[source], time_ns, data)
-                if writer.queued_bytes > QUEUED_BYTES:
-                    writer.flush()
-                if writer.error is not None:
-                    raise writer.error
-                done += packets
-                if done - told > TOLD_ROWS:
-                    told = done
+            records = merge(*(s.records(start, numbers[s.name]) for s in sources))
+            for done, (time_ns, number, packet) in enumerate(records):
+                if done % LOOKED_AFTER == 0:
+                    clock.sleep((time_ns - clock.now_ns()) / NS_PER_S)
+                    _look_after(writer)
                     progress(done / total)
+                writer.bytes_in(number, time_ns, packet)
+            clock.sleep(duration - clock.now_ns() / NS_PER_S)
         if writer.unwritten_records:
             raise StorageError(f"{target}: not everything could be written; check the disk")
     except BaseException:
@@ -166,9 +160,14 @@ class _Source:
     def descriptor(self, recording: ForeignRecording) -> dict[str, Any]:
         return {"layout": self.layout.to_dict(), "imported_from": recording.format}
 
-    def records(self, start_s: float) -> Iterator[tuple[str, int, bytes, int]]:
-        """Yield name, arrival [ns], packets as bytes, and how many they are."""
+    def records(self, start_s: float, number: int) -> Iterator[tuple[int, int, bytes]]:
+        """Yield the arrival [ns] of every packet, the number of the source, and its bytes.
+
+        One packet to a record: if several arrived together, those that do so late would make the
+        clock fit state an uncertainty of its times that they do not have.
+        """
         ticks = np.rint((self.samples.t - start_s) / TICK_S).astype(np.int64)
+        size = self.layout.length
         for first in range(0, len(ticks), ENCODED_ROWS):
             rows = slice(first, first + ENCODED_ROWS)
             columns: dict[str, AnyArray] = {
@@ -177,15 +176,16 @@ class _Source:
             }
             columns |= {name: numbers[rows] for name, numbers in self.samples.values.items()}
             data = encode(self.layout, columns)
-            size = self.layout.length
-            at = 0
-            part = ticks[rows]
-            while at < len(part):
-                stop = int(np.searchsorted(part, part[at] + RECORD_S / TICK_S, side="left"))
-                stop = max(stop, at + 1)
-                packets = data[at * size : stop * size]
-                yield self.name, int(part[stop - 1]) * TICK_NS, packets, stop - at
-                at = stop
+            for i, time_ns in enumerate((ticks[rows] * TICK_NS).tolist()):
+                yield time_ns, number, data[i * size : (i + 1) * size]
+
+
+def _look_after(writer: TrialWriter) -> None:
+    """Wait for the disk where much is queued, and give up where it has failed."""
+    if writer.queued_bytes > QUEUED_BYTES:
+        writer.flush()
+    if writer.error is not None:
+        raise writer.error
 
 
 def _sources(recording: ForeignRecording, name: str | None) -> list[_Source]:
@@ -310,7 +310,3 @@ def file_digest(file: Path) -> str:
 def _with_wall(options: RecordingOptions, began_ns: int, clock: SteppedClock) -> RecordingOptions:
     """Let the wall clock of the trial be that of the recording."""
     return replace(options, wall_ns=lambda: began_ns + clock.now_ns())
-
-
-def _time_of(record: tuple[str, int, bytes, int]) -> int:
-    return record[1]

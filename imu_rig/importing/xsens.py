@@ -275,8 +275,11 @@ def _tick_s(path: Path, step: float, rate: float | None) -> float:
             return tick_s
         if rate is not None and abs(measured / rate - 1.0) < RATE_AGREES:
             return tick_s
-    stated = "no usual rate" if rate is None else f"not the stated rate of {rate:g} Hz"
-    raise InputError(f"{path}: {CLOCK} advances by {step:g} from packet to packet: {stated}")
+    stated = "which is no usual rate" if rate is None else f"not the stated rate of {rate:g} Hz"
+    raise InputError(
+        f"{path}: {CLOCK} advances by {step:g} from packet to packet, {stated}: correct the rate, "
+        "or empty the column to go by the counter"
+    )
 
 
 def _stated_rate(path: Path, head: list[str], columns: ColumnMap) -> float | None:
