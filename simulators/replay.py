@@ -327,11 +327,9 @@ class Replay:
         """Serve all ports once and return how long nothing needs to be done [s of the clock]."""
         self._listen()
         served = self._served.values()
-        if self._origin_ns is None:
-            if self._wait_for_clients and not all(s.ready for s in served):
-                return IDLE_S
+        if self._origin_ns is None and (not self._wait_for_clients or all(s.ready for s in served)):
             self._origin_ns = self._clock.now_ns()
-        due_s = self._play()
+        due_s = IDLE_S if self._origin_ns is None else self._play()
         for each in served:
             due_s = min(due_s, self._send_replies(each))
             each.flush()
@@ -347,6 +345,7 @@ class Replay:
             data = each.port.read()
             each.look(now_s, keep=keep or self._returning(each))
             if data:
+                each.speaks()
                 each.received += data
                 del each.received[:-RECEIVED_BYTES]
             if each.answers is not None:
@@ -649,6 +648,11 @@ class _Served:
                 self.queue.clear()
         elif self.since_s is None:
             self.since_s = now_s
+
+    def speaks(self) -> None:
+        """Take note that the client writes, so that it has set its port up."""
+        if self.since_s is not None:
+            self.since_s = min(self.since_s, time.monotonic() - self.settle_s)
 
     def reply(self, reply: Reply, now_ns: int, speed: float) -> None:
         """Put a reply on its way; replies never overtake one another."""

@@ -367,6 +367,16 @@ def test_a_replay_answers_and_keeps_what_it_was_asked(transport):
         port.close()
 
 
+def test_a_device_answers_while_others_are_not_open_yet():
+    chunks = [(0, "imu", "in", b"data"), (10 * NS_PER_S, "", "end", b"")]
+    with Replay(["maestro", "imu"], chunks, answers={"maestro": ASKED}) as replay:
+        port = open_port(replay.url("maestro"))
+        port.write(b"\x90\x00")
+        assert port.read(PATIENCE_S)[:1] == b"\x10"
+        assert replay.status.state == "waiting"
+        port.close()
+
+
 def test_a_stepped_replay_answers_at_the_next_look():
     end = [(10 * NS_PER_S, "", "end", b"")]
     with Replay(["m"], end, clock=SteppedClock(), answers={"m": ASKED}) as replay:
