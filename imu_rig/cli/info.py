@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,11 +34,15 @@ def info(
     if file.suffix == CERTIFICATE_SUFFIX:
         write_page(file, load_certificate(file), as_json=as_json)
         return
-    facts = _trial_facts(open_trial(file))
+    trial = open_trial(file)
+    facts = _trial_facts(trial)
     if as_json:
         sys.stdout.write(json.dumps(facts, allow_nan=False) + "\n")
         return
     about_file = {name: facts.pop(name) for name in ABOUT_FILE}
+    about_file["damage"] = about_file["damage"]["in all"]
+    if trial.damage.records_lost or trial.damage.bytes_skipped:
+        about_file["repair"] = f"imu-rig repair {shlex.quote(str(file))} saves what is sound"
     if "devices" in facts:
         from imu_rig.cli.recorded_trial import recorded_lines
 
@@ -55,10 +60,15 @@ def _trial_facts(trial: Trial) -> dict[str, Any]:
     damage = trial.damage
     facts: dict[str, Any] = {
         "file": str(trial.path),
-        "ended": trial.ended or "no end record: the recorder was killed or lost power",
+        "ended": trial.ended or _without_end(trial),
         "damage": {
             "records lost": damage.records_lost,
             "bytes skipped": damage.bytes_skipped,
+            "bytes of a torn end": damage.tail_bytes,
+            "records repeated": damage.records_repeated,
+            "records out of order": damage.records_reordered,
+            "header": "one of two copies damaged" if damage.header_damaged else "whole",
+            "in all": str(damage),
         },
         "SHA-256": trial.sha256,
     }
@@ -76,6 +86,14 @@ def _trial_facts(trial: Trial) -> dict[str, Any]:
             "notices": list(session.notices),
         }
     return facts
+
+
+def _without_end(trial: Trial) -> str:
+    from imu_rig.recording.storage import is_being_written
+
+    if is_being_written(trial.path):
+        return "not yet: it is being recorded"
+    return "no end record: the recorder was killed or lost power"
 
 
 def _source_facts(trial: Trial, name: str) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 import enum
 import json
+import math
+import re
 import struct
 import zlib
 from collections.abc import Iterable
@@ -31,6 +33,8 @@ RECORD_HEAD_SIZE = len(SYNC) + _RECORD_FIELDS.size + CRC_SIZE
 RECORD_OVERHEAD = RECORD_HEAD_SIZE + CRC_SIZE
 
 MAX_PAYLOAD = 1 << 20
+_LONGEST_INTEGER = 20  # digits and sign of a number of 64 bits
+_LONG_INTEGER = re.compile(rb"[0-9]{19}")
 MAX_SOURCES = 255
 MAX_SEQUENCE = (1 << 32) - 1
 TRIAL = 0  # source number of records about the trial itself
@@ -194,7 +198,8 @@ def encode_json(value: Any, what: str) -> bytes:
     Raises
     ------
     InputError
-        If something in it is not JSON (an infinite number, an object) or it is above 1 MiB.
+        If something in it is not JSON (an infinite number, an object) or takes more than 64 bits,
+        or it is above 1 MiB.
     """
     try:
         text = json.dumps(
@@ -202,6 +207,8 @@ def encode_json(value: Any, what: str) -> bytes:
         )
         # A file name that is not UTF-8 carries lone surrogates; JSON has an escape for them.
         payload = text.encode(errors="backslashreplace")
+        if _LONG_INTEGER.search(payload):
+            decode_json(payload)
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{what} cannot be stored as JSON: {error}.") from error
     if len(payload) > MAX_PAYLOAD:
@@ -217,12 +224,32 @@ def decode_json(payload: bytes) -> Any:
     Raises
     ------
     ValueError
-        If it is not UTF-8, not JSON, holds NaN or an infinity, or is nested without reason.
+        If it is not UTF-8, not JSON, holds a number that no 64 bits do (NaN and the infinities
+        among them), or is nested without reason.
     """
     try:
-        return json.loads(payload.decode(), parse_constant=_refuse_constant)
+        return json.loads(
+            payload.decode(),
+            parse_constant=_refuse_constant,
+            parse_float=_finite,
+            parse_int=_of_64_bits,
+        )
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large a number")
+    return value
+
+
+def _of_64_bits(text: str) -> int:
+    value = int(text) if len(text) <= _LONGEST_INTEGER else 1 << 64
+    if not -(1 << 63) <= value < 1 << 64:
+        raise ValueError("an integer takes more than 64 bits")
+    return value
 
 
 def _plain(value: object) -> Any:

@@ -30,6 +30,7 @@ from imu_rig.recording.format import (
 )
 from imu_rig.recording.missing import Cause, missing_samples
 from imu_rig.recording.scan import Damage, Records, anywhere, scan_records
+from imu_rig.recording.storage import require_file
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -54,9 +55,8 @@ def open_trial(path: Path | str) -> Trial:
         of its header. Damage after the header is no error: see ``Trial.damage``.
     """
     path = Path(path)
+    require_file(path)
     try:
-        if not path.is_file():
-            raise InputError(f"{path} cannot be read (there is no such file).")
         with path.open("rb") as file:
             start = file.read(HEADER_SIZE)
     except OSError as error:

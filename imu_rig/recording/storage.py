@@ -122,6 +122,15 @@ def open_undisturbed(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
+def is_being_written(path: Path) -> bool:
+    """Whether a recorder has the file open (False where the system has no locks)."""
+    try:
+        with open_undisturbed(path):
+            return False
+    except InputError:
+        return True
+
+
 def require_file(path: Path) -> None:
     """Refuse what is no file, before it is opened: a pipe would make its reader wait for ever.
 
@@ -132,8 +141,10 @@ def require_file(path: Path) -> None:
     """
     try:
         mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        raise InputError(f"{path} cannot be read (there is no such file).") from error
     except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or "a name with a NUL character"
+        problem = getattr(error, "strerror", None) or "no file has a NUL character in its name"
         raise InputError(f"{path} cannot be read ({problem}).") from error
     if stat.S_ISDIR(mode):
         raise InputError(f"{path} cannot be read (it is a folder); name a file in it.")

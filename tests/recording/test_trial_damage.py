@@ -3,8 +3,10 @@
 ``IMU_RIG_CUT_BYTES=65536 IMU_RIG_FLIPS=20000`` makes these tests as thorough as one has patience.
 """
 
+import contextlib
 import itertools
 import json
+import math
 import os
 import random
 import struct
@@ -15,11 +17,13 @@ import pytest
 from damage_harness import damage, parser, problems_of
 from hypothesis import given
 from hypothesis import strategies as st
+from make_golden_trial import LAYOUT, packet
 from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, numbers, write_trial
 
 from imu_rig.errors import InputError
 from imu_rig.recording import open_trial
 from imu_rig.recording.format import HEADER_SIZE, MAGIC, FileHeader, encode_record
+from imu_rig.recording.repair import repair_trial
 
 PAGE = 4096
 CUT_BYTES = int(os.environ.get("IMU_RIG_CUT_BYTES", PAGE))
@@ -170,11 +174,94 @@ def test_one_header_copy_is_enough_and_none_is_not(sound, changed):
         changed(content)
 
 
-def test_a_missing_file_and_a_folder_are_refused_by_name(tmp_path):
-    for path in (tmp_path / "missing.imu-trial", tmp_path):
-        with pytest.raises(InputError, match="cannot be read") as caught:
-            open_trial(path)
-        assert str(path) in str(caught.value)
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda path: None, "there is no such file"),
+        (Path.mkdir, "it is a folder"),
+        (os.mkfifo, "it is a pipe or a device"),
+        (lambda path: path.symlink_to("/dev/zero"), "it is a pipe or a device"),
+        (lambda path: path.symlink_to(path), "symbolic links"),
+    ],
+)
+def test_what_is_no_file_is_refused_by_name_and_not_waited_for(tmp_path, make, said):
+    path = tmp_path / "walk.imu-trial"
+    make(path)
+    with pytest.raises(InputError, match=f"cannot be read .*{said}") as caught:
+        open_trial(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_name_that_no_file_has_is_refused():
+    with pytest.raises(InputError, match="cannot be read"):
+        open_trial("a\0b")
+
+
+def test_what_is_added_while_a_file_is_read_is_left_for_the_next_reader(sound, changed, tmp_path):
+    content = sound[1]
+    trial = changed(content[:-5000])
+    before = len(trial.records)
+    with (tmp_path / "changed.imu-trial").open("ab") as file:
+        file.write(content[-5000:])
+    assert len(trial.records) == before
+    assert numbers(trial) == list(range(len(numbers(trial))))
+    assert len(open_trial(trial.path).records) == len(open_trial(sound[0]).records)
+
+
+ABSURD_NS = (-(2**63), -1, 0, 2**62, 2**63 - 1)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(ABSURD_NS, 3)))
+def test_absurd_times_and_sources_are_read_or_refused_in_one_sentence(tmp_path, order):
+    path = tmp_path / "absurd.imu-trial"
+    header = FileHeader(b"file id.", -(2**63))
+    description = json.dumps({"name": "imu", "kind": "imu", "descriptor": {"layout": LAYOUT}})
+    gap = json.dumps({"reason": "unplugged", "until_s": 1e300, "counter_before": -(2**63)})
+    drafted = [(2, 255, 0, description.encode()), (2, 255, 2**63 - 1, description.encode())]
+    for number, time_ns in enumerate(order):
+        drafted += [
+            (3, 255, time_ns, packet(2 * number) + packet(2 * number + 1)),
+            (6, 255, time_ns, gap.encode()),
+            (7, 0, time_ns, struct.pack("<qq", time_ns, -time_ns - 1)),
+            (8, 255, time_ns, b'{"packets": 18446744073709551615}'),
+        ]
+    content = [header.encode()]
+    for sequence, record in enumerate(drafted):
+        content.append(encode_record(header.seed, *record[:2], sequence, *record[2:]))
+    path.write_bytes(b"".join(content))
+    trial = open_trial(path)
+    assert math.isfinite(trial.duration_s)
+    assert len(trial.device_statistics("imu")) == 3
+    assert isinstance(trial.start_utc_ns, int)
+    for read in (trial.imu, trial.samples, trial.missing, trial.wire):
+        with contextlib.suppress(InputError):
+            read("imu")
+    outcome = repair_trial(path)
+    assert outcome.records == len(drafted)
+
+
+HOSTILE_JSON = [
+    b"[" * 500_000,
+    b'{"a":' * 150_000,
+    b'{"reason": 1e400}',
+    b'{"reason": ' + b"9" * 5000 + b"}",
+    b'{"reason": 18446744073709551616}',
+    b'{"reason": NaN}',
+    b'{"reason": "\xff"}',
+]
+
+
+@pytest.mark.parametrize("payload", HOSTILE_JSON)
+def test_json_that_no_recorder_writes_is_left_out(tmp_path, payload):
+    path = tmp_path / "hostile.imu-trial"
+    header = FileHeader(b"file id.", 0)
+    records = [encode_record(header.seed, kind, 1, kind, 0, payload) for kind in range(1, 10)]
+    path.write_bytes(header.encode() + b"".join(records))
+    trial = open_trial(path)
+    assert len(trial.records) == 9
+    assert (trial.config, trial.events, trial.gaps, trial.statistics) == ({}, [], [], [])
+    assert trial.ended is None
+    assert list(trial.sources) == ["source-1"]
 
 
 def test_a_file_that_shrinks_while_it_is_read_is_told_so(sound, changed, tmp_path):

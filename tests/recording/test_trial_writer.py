@@ -135,7 +135,9 @@ def test_a_forbidden_folder_is_told(tmp_path, clock):
         tmp_path.chmod(0o700)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, object(), {1, 2}, "x" * (MAX_PAYLOAD + 1)])
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, 1 << 64, object(), {1, 2}, "x" * (MAX_PAYLOAD + 1)]
+)
 def test_what_is_not_json_is_refused_where_it_is_handed_in(path, clock, value):
     with pytest.raises(InputError, match="configuration"):
         TrialWriter.create(path, {"bad": value}, clock=clock)
