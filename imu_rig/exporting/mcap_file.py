@@ -10,11 +10,13 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 
 import imu_rig
+from imu_rig.arrays import BoolArray
 from imu_rig.errors import InputError
-from imu_rig.exporting.device_data import DeviceData, TrialData, inertial_fields, parts
+from imu_rig.exporting.device_data import Column, DeviceData, TrialData, inertial_fields, parts
 from imu_rig.exporting.number_text import (
     Bytes,
     constant,
@@ -125,20 +127,18 @@ def _write_device(writer: Writer, device: DeviceData, output: Output) -> None:
 
 
 def schema_of(device: DeviceData) -> dict[str, Any]:
-    """Return the JSON schema of a device's messages; units stand in the descriptions."""
+    """Return the JSON schema of a device's messages; units stand in the descriptions.
+
+    Foxglove knows one type for each member and no list of types, so a member that may not be a
+    number is one that may not be there.
+    """
     properties: dict[str, Any] = {"timestamp": TIME}
     for field, name in _names(device).items():
         values, unit = device.samples.values[field], one_line(device.samples.units[field])
         state = "calibrated" if field in device.calibrated else "raw"
-        number = {"type": ["number", "null"]}
-        value: dict[str, Any] = number
+        value: dict[str, Any] = {"type": "number"}
         if values.ndim == 2:
-            each = parts(values)
-            value = {
-                "type": "object",
-                "properties": dict.fromkeys(each, number),
-                "required": each,
-            }
+            value = {"type": "object", "properties": dict.fromkeys(parts(values), value)}
         properties[name] = {**value, "description": f"{field}, {state}, {unit or 'counts'}"}
     if device.samples.counter is not None:
         properties["counter"] = {"type": "integer", "description": "packets counted by the device"}
@@ -147,7 +147,7 @@ def schema_of(device: DeviceData) -> dict[str, Any]:
         "title": f"imu_rig.{device.key}",
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": [name for name in ("timestamp", "counter") if name in properties],
     }
 
 
@@ -177,17 +177,34 @@ def _messages(device: DeviceData, decimals: Sequence[int | None]) -> list[Bytes]
     numbers = zip(device.columns, decimals, strict=True)
     for field, name in _names(device).items():
         each = parts(device.samples.values[field])
-        cells.append(constant(f',"{name}":' + ("" if each == [""] else "{"), count))
-        for place, part in enumerate(each):
-            column, places = next(numbers)
-            if part:
-                cells.append(constant(f'{"," if place else ""}"{part}":', count))
-            cells.append(number_text(column.values, places, null="null"))
-        if each != [""]:
-            cells.append(constant("}", count))
+        columns = [next(numbers) for _ in each]
+        if each == [""]:
+            cells += _members([name], columns, np.ones(count, bool))
+        else:
+            members = _members(each, columns, np.zeros(count, bool))
+            cells += [constant(f',"{name}":{{', count), *members, constant("}", count)]
     if device.samples.counter is not None:
         cells += [constant(',"counter":', count), integer_text(device.samples.counter)]
     return [*cells, constant("}", count)]
+
+
+def _members(
+    names: Sequence[str], columns: Sequence[tuple[Column, int | None]], begun: BoolArray
+) -> list[Bytes]:
+    """Write members of an object, leaving out what is no number, for JSON has none such.
+
+    ``begun`` says in which rows another member stands before.
+    """
+    cells: list[Bytes] = []
+    for name, (column, places) in zip(names, columns, strict=True):
+        there = np.isfinite(column.values)
+        comma = np.where(there & begun, np.uint8(ord(",")), np.uint8(0))[:, None]
+        text = [constant(f'"{name}":', len(there)), number_text(column.values, places)]
+        if not there.all():
+            text = [part * there[:, None] for part in text]
+        cells += [comma, *text]
+        begun = begun | there
+    return cells
 
 
 def _gap(device: DeviceData, gap: Any) -> tuple[int, int, str, str]:

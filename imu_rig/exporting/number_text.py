@@ -49,23 +49,18 @@ def _exact(values: FloatArray, decimals: int) -> bool:
     return bool(np.array_equal(np.rint(values * power) / power, values))
 
 
-def number_text(values: FloatArray, decimals: int | None, *, null: str | None = None) -> Bytes:
+def number_text(values: FloatArray, decimals: int | None) -> Bytes:
     """Write numbers with a fixed number of decimals, as `decimals_of` gives it.
 
-    Parameters
-    ----------
-    values : shape (n,)
-    decimals : int or None
-    null : str, optional
-        What to write for all that is not finite; else "nan", "inf" and "-inf".
+    What is not finite reads ``nan``, ``inf`` or ``-inf``.
     """
-    odd = ~np.isfinite(values)
     if decimals is None:
-        return words([_word(v, null) if bad else repr(v) for v, bad in _each(values, odd)])
+        return words(values)
+    odd = ~np.isfinite(values)
     safe = np.where(odd, 0.0, values) if odd.any() else values
     table = integer_text(np.rint(safe * 10.0**decimals).astype(np.int64), decimals)
     if odd.any():
-        texts = words([_word(v, null) for v in values[odd].tolist()])
+        texts = words(values[odd])
         wider = max(0, texts.shape[1] - table.shape[1])
         table = np.pad(table, ((0, 0), (0, wider)))
         table[odd] = 0
@@ -112,9 +107,9 @@ def utc_text(utc_us: IntArray) -> Bytes:
     return table
 
 
-def words(texts: Sequence[str]) -> Bytes:
-    """Return ASCII texts, one for each row."""
-    table = np.array([text.encode("ascii") for text in texts], bytes)
+def words(values: FloatArray) -> Bytes:
+    """Write numbers one by one, as short as they are exact."""
+    table = np.array([repr(value).encode() for value in values.tolist()], bytes)
     return table.view(np.uint8).reshape(len(table), table.itemsize)
 
 
@@ -137,11 +132,3 @@ def rows(columns: Sequence[Bytes]) -> list[bytes]:
     data = table[there].tobytes()
     stops = np.cumsum(there.sum(axis=1)).tolist()
     return [data[a:b] for a, b in zip([0, *stops[:-1]], stops, strict=True)] if stops else []
-
-
-def _each(values: FloatArray, odd: npt.NDArray[np.bool_]) -> zip[tuple[float, bool]]:
-    return zip(values.tolist(), odd.tolist(), strict=True)
-
-
-def _word(value: float, null: str | None) -> str:
-    return repr(value) if null is None else null

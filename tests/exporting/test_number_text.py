@@ -54,11 +54,11 @@ def test_anything_is_written_without_a_warning(values: np.ndarray) -> None:
     assert np.all(np.abs(back[finite] - values[finite]) <= 1e-9 * largest)
 
 
-def test_what_is_not_finite_is_null_where_asked() -> None:
+def test_what_is_not_finite_has_a_word() -> None:
     values = np.array([np.nan, 1.5, -np.inf, -0.25])
-    assert lines(number_text(values, 2, null="null")) == ["null", "1.50", "null", "-0.25"]
+    assert lines(number_text(values, 2)) == ["nan", "1.50", "-inf", "-0.25"]
     assert lines(number_text(np.array([np.inf, 3.0]), 0)) == ["inf", "3"]
-    assert lines(number_text(np.array([np.nan, 1e30]), None, null="null")) == ["null", "1e+30"]
+    assert lines(number_text(np.array([np.nan, 1e30]), None)) == ["nan", "1e+30"]
 
 
 @pytest.mark.parametrize(

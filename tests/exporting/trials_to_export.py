@@ -115,3 +115,19 @@ def write_trial(path: Path, devices: Sequence[Device] = DEVICES, *, marked: bool
                 trial.event("marker", label=what)
         trial.flush()
     return open_trial(path)
+
+
+def float_trial(path: Path, layout: dict[str, Any], accel: np.ndarray, load: np.ndarray) -> Trial:
+    """Record a device that sends floating-point numbers."""
+    number = np.arange(len(accel))
+    columns = {"seq": number, "time": 10_000 * number, "accel": accel, "load": load}
+    packet_layout = PacketLayout.from_dict(layout)
+    data, clock = encode(packet_layout, columns), SteppedClock()
+    options = RecordingOptions(note_s=3600.0, sync_s=3600.0, reserve_bytes=0)
+    with TrialWriter.create(path, SUBJECT, clock=clock, options=options) as trial:
+        source = trial.add_source("floats", "imu", {"layout": layout})
+        for start in range(0, len(data), packet_layout.length):
+            clock.advance(0.01)
+            trial.bytes_in(source, clock.now_ns(), data[start : start + packet_layout.length])
+        trial.flush()
+    return open_trial(path)
