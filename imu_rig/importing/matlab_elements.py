@@ -112,10 +112,11 @@ def read_matrix(file: BinaryIO, variable: Variable) -> FloatArray:
     """
     order = _byte_order(file)
     count = math.prod(variable.shape)
+    most = variable.data_offset + 8 * count + 64
     file.seek(variable.offset)
-    data = file.read(variable.size)
+    # What cannot be packed takes a little more room when it is.
+    data = file.read(min(variable.size, most + most // 1000 + 1000))
     if variable.compressed:
-        most = variable.data_offset + 8 * count + 64
         data = _inflated(data, most, whole=True)
     kind, begin, size, _ = _element(data, variable.data_offset, order)
     if kind not in _TYPES:

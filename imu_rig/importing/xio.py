@@ -18,7 +18,7 @@ from imu_rig.errors import InputError
 from imu_rig.importing.column_map import split_unit
 from imu_rig.importing.foreign import ForeignRecording, SharedClock
 from imu_rig.importing.read_table import LARGEST
-from imu_rig.importing.text_table import detect_form, first_lines, line_of_row, read_numbers
+from imu_rig.importing.text_table import detect_form, line_of_row, read_numbers
 from imu_rig.importing.time_column import refuse_going_back, repeated_rows, spread_repeated
 from imu_rig.importing.unit_text import Kind, find_unit
 
@@ -27,6 +27,7 @@ TIME_COLUMNS = {"Timestamp (us)": X_IMU3, "Time (s)": NGIMU}
 MOST_FILES = 200
 """Files of one folder; a trial has room for 255 sources."""
 FEWEST_ROWS = 2
+LONGEST_HEADER = 65_536
 YEARS_NS = (2015, 2100)
 EPOCH_S = tuple((year - 1970) * 31_556_952.0 for year in YEARS_NS)
 """Stamps between these [s] count from 1970; others from when the device was switched on."""
@@ -147,11 +148,14 @@ def _is_inertial(file: Path) -> bool:
 
 
 def _header(file: Path) -> list[str]:
+    """Names of the first line; what is no text has none that are known."""
     try:
-        first = first_lines(file)[0]
-    except InputError:
+        with file.open("rb") as stream:
+            first = stream.readline(LONGEST_HEADER)
+    except OSError:
         return []
-    return [name.strip().strip('"') for name in first.split(",")]
+    text = first.decode("utf-8-sig", errors="replace")
+    return [name.strip().strip('"') for name in text.split(",")]
 
 
 def _time_column(file: Path) -> str | None:
