@@ -372,8 +372,10 @@ def _conclude(status: ReplayStatus, *, as_json: bool) -> None:
     from imu_rig.foreign_text import one_line
 
     lost = {name: count for name, count in status.lost.items() if count}
-    for name, count in lost.items():
-        _say(f"{_size(count)} of {one_line(name)!r} were lost: nobody had its port open.")
+    if lost:
+        names = ", ".join(repr(one_line(name)) for name in list(lost)[:MOST_SHOWN])
+        more = f" and {len(lost) - MOST_SHOWN} more" if len(lost) > MOST_SHOWN else ""
+        _say(f"{_size(sum(lost.values()))} of {names}{more} were lost: nobody had the port open.")
     if as_json:
         answer = {
             "state": status.state,

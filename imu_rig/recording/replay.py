@@ -26,6 +26,9 @@ REPLY_S = 1.0
 MOST_EXCHANGES = 1_000_000
 """So many requests of one source are learned; a jig session of an hour has some ten thousand."""
 
+MOST_NAMED = 5
+"""Names in one sentence."""
+
 UNPLUGGED = "unplugged"
 
 _LATEST_NS = 1 << 61  # sums and differences of times stay within 64 bits
@@ -185,16 +188,21 @@ class RecordedWires:
         """Trial time of each row, put right within each source."""
         records = self._trial.records
         times = np.clip(records.time_ns[rows], 0, _LATEST_NS)
+        moved: dict[str, int] = {}
         for source in self.sources:
             mine = np.flatnonzero(records.source[rows] == source.id)
             steady = _never_back(times[mine])
-            moved = int(np.count_nonzero(steady != records.time_ns[rows[mine]]))
-            if moved:
-                self.notes.append(
-                    f"{moved} pieces of {one_line(source.name)!r} have times that go back or are "
-                    "before the start; they are replayed in the order of the file."
-                )
+            count = int(np.count_nonzero(steady != records.time_ns[rows[mine]]))
+            if count:
+                moved[source.name] = count
             times[mine] = steady
+        if moved:
+            names = ", ".join(repr(one_line(name)) for name in list(moved)[:MOST_NAMED])
+            more = f" and {len(moved) - MOST_NAMED} more" if len(moved) > MOST_NAMED else ""
+            self.notes.append(
+                f"{sum(moved.values())} pieces of {names}{more} have times that go back or are "
+                "before the start; they are replayed in the order of the file."
+            )
         return times
 
     def _without_long_silences(self, recorded: IntArray, longest_s: float) -> IntArray:
