@@ -78,10 +78,9 @@ def test_pyshoe_says_which_way_its_z_points(imu_rig_data, name, way):
     assert len(recording.reference) == len(recording.imu())
 
 
-@pytest.mark.parametrize("number", ["02", "30"])
-def test_broad_references_turn_gravity_up(imu_rig_data, tmp_path, number):
+def test_a_broad_reference_turns_gravity_up(imu_rig_data, tmp_path):
     """At rest before the movement specific force turned by the reference points up, 9.8 m/s2."""
-    file = next((imu_rig_data / "orientation").glob(f"{number}_*.mat"))
+    file = next((imu_rig_data / "orientation").glob("02_*.mat"))
     recording = load_foreign(file)
     write_trial(tmp_path / "a.imu-trial", recording)
     trial = open_trial(tmp_path / "a.imu-trial")
