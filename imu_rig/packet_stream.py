@@ -28,11 +28,10 @@ from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, fit_clock
 from imu_rig.timing.counters import differences
 from imu_rig.timing.host_time import HostTime
 from imu_rig.timing.live_clock_fit import LiveClockFit
-from imu_rig.timing.sample_order import Ordered, SampleOrder, TimeSource
+from imu_rig.timing.sample_order import COUNTED_SKEW, Ordered, SampleOrder, TimeSource
 
 # The real rate of samples that carry no clock is measured.
 COUNTED_SPAN_S = 2.0  # after which the real rate of samples without a clock is fitted
-COUNTED_SKEW = 0.1  # by which it may differ from the nominal rate
 UNRATED_SPAN_S = 0.3  # the same where the layout states no rate
 UNRATED_SKEW = 99.0
 
@@ -55,6 +54,8 @@ class StreamStats:
         Packets repeated; packets that came after later ones; packets with an impossible clock.
     restarts : int
         Times that the device's clock or counter began anew.
+    leaps : int
+        Times that it leapt ahead of the host's clock, as when the computer had slept.
     """
 
     good: int = 0
@@ -65,6 +66,7 @@ class StreamStats:
     reordered: int = 0
     strays: int = 0
     restarts: int = 0
+    leaps: int = 0
 
 
 @dataclass(frozen=True)
@@ -397,7 +399,9 @@ def _feed_order(
 
 
 def _taken(rows: StructArray, places: IntArray) -> StructArray:
-    """Return some packets; whole, and not field by field, they are copied ten times as fast."""
+    """Return some packets, all of them as they are; whole they are copied ten times as fast."""
+    if len(places) == len(rows) and bool(np.all(places[1:] > places[:-1])):
+        return rows
     found: StructArray = rows.view(f"V{rows.dtype.itemsize}")[places].view(rows.dtype)
     return found
 
@@ -413,6 +417,7 @@ def _stats(decoder: StreamDecoder, order: SampleOrder) -> StreamStats:
         reordered=ordered.reordered,
         strays=ordered.strays,
         restarts=ordered.restarts,
+        leaps=ordered.leaps,
     )
 
 

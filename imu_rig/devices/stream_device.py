@@ -274,7 +274,7 @@ class StreamDevice(Generic[Block]):
             duplicates=stats.duplicates,
             reordered=stats.reordered,
             strays=stats.strays,
-            restarts=stats.restarts,
+            restarts=stats.restarts + stats.leaps,  # either way its time begins anew
             reconnects=self._reconnects,
             rate_hz=_rate(recent) if packet_age_s < RECENT_S else 0.0,
             last_packet_age_s=packet_age_s,

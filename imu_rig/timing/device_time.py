@@ -5,6 +5,11 @@ at zero again; a packet layout without a checksum now and then lets through a pa
 All three look like a jump. The host's clock tells them apart: over a wrap the device's clock
 advances as much as the host's, over a restart it does not, and a stray value agrees with neither
 of its neighbours.
+
+While a computer sleeps its monotonic clock may stand still, and the device's goes on: when it wakes
+packets seem to arrive before they can have been sent. A packet that others were lost before may
+well be much less late than those others were, but never earlier than the promptest so far. Such a
+leap ahead ends the stretch of unbroken time too, for one mapping cannot hold before and after it.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
 from imu_rig.timing.counters import differences, wrapped_steps
@@ -22,6 +28,7 @@ REORDER_S = 0.2  # that a packet's clock may stand behind its predecessor's: it 
 JUDGED_PERIOD_S = 10.0  # clocks that wrap sooner cannot show a restart amid transport delays
 SLACK_S = 30.0  # of buffered data, or a quarter of the clock's period where that is less
 BURST_S = 0.05  # within which packets that waited for a link arrive together
+LEAP_S = 0.5  # that a packet is ahead of the promptest before it; nobody sleeps for less
 
 
 @dataclass(frozen=True)
@@ -68,21 +75,32 @@ class DeviceTime:
         Where the clock wraps [ticks].
     tick_s : float
         Length of a tick [s].
+    max_skew : float
+        By which the tick may be off; infinite where nothing is known of it.
     """
 
-    def __init__(self, modulus: int, tick_s: float) -> None:
+    def __init__(self, modulus: int, tick_s: float, *, max_skew: float = 0.02) -> None:
         period_s = modulus * tick_s
         self._modulus, self._tick_s = modulus, tick_s
         self._judged = period_s >= JUDGED_PERIOD_S
         self._slack_s = min(SLACK_S, period_s / 4)
         self._backward = int(min(REORDER_S, period_s / 4) / tick_s)
         self._anchor: _Anchor | None = None
-        self._epoch = 0
+        self._epoch = self._leaps = 0
+        self._max_skew = max_skew
+        # How far the device's clock is ahead of the host's, since the first packet, and the most
+        # that it ever was, forgotten as fast as a clock may fall behind.
+        self._ahead_s, self._most_s = 0.0, -np.inf
 
     @property
     def restarts(self) -> int:
-        """Restarts seen so far."""
-        return self._epoch
+        """How often the device's clock began anew."""
+        return self._epoch - self._leaps
+
+    @property
+    def leaps(self) -> int:
+        """How often the device's clock leapt ahead of the host's."""
+        return self._leaps
 
     def feed(self, raw: AnyArray, host_s: FloatArray) -> Unwrapped:
         """Unwrap the clock of the next packets.
@@ -100,15 +118,23 @@ class DeviceTime:
         if self._anchor is None:
             self._anchor = _Anchor(int(values[0]), float(values[0]), float(host_s[0]))
         steps = self._steps(values, host_s, self._anchor)
-        breaks = np.flatnonzero(~self._plausible(steps, host_s, self._anchor.host_s))
+        plausible = self._plausible(steps, host_s, self._anchor.host_s)
+        leaps = self._leaps_ahead(steps, host_s, plausible)
+        breaks = np.flatnonzero(~plausible | leaps)
         edges = [0, *(int(b) for b in breaks if b > 0), len(values)]
         runs: list[tuple[IntArray, FloatArray, int]] = []
         strays, held = 0, False
         for start, stop in pairwise(edges):
-            if start not in breaks or self._continues(values[start], float(host_s[start])):
+            if start not in breaks or (
+                not leaps[start] and self._continues(values[start], float(host_s[start]))
+            ):
                 pass
             elif stop - start > 1:
                 self._epoch += 1
+                silent_s = float(host_s[start]) - self._anchor.host_s
+                # a device that began anew cannot have counted for longer than it was silent
+                began_s = float(values[start]) * self._tick_s
+                self._leaps += bool(leaps[start] or began_s > silent_s + self._slack_s)
                 self._anchor = _Anchor(
                     int(values[start]), float(values[start]), float(host_s[start])
                 )
@@ -121,15 +147,18 @@ class DeviceTime:
             part = slice(start, stop)
             if stop - start < len(values):
                 steps = self._steps(values[part], host_s[part], self._anchor)
-            ticks = self._anchor.ticks + np.cumsum(steps)
+            ticks = np.cumsum(steps)
+            ticks += self._anchor.ticks
             self._anchor = _Anchor(int(values[stop - 1]), float(ticks[-1]), float(host_s[stop - 1]))
-            runs.append((np.arange(start, stop), ticks * self._tick_s, self._epoch))
+            ticks *= self._tick_s
+            runs.append((np.arange(start, stop), ticks, self._epoch))
         return _kept(runs, strays, held=held)
 
     def _steps(self, values: AnyArray, host_s: FloatArray, anchor: _Anchor) -> FloatArray:
         """Ticks from each packet to the next, with whole unseen periods added after long gaps."""
         steps = wrapped_steps(values, anchor.raw, self._modulus, self._backward).astype(float)
-        elapsed = differences(host_s, anchor.host_s) / self._tick_s
+        elapsed = differences(host_s, anchor.host_s)
+        elapsed /= self._tick_s
         for gap in np.flatnonzero(elapsed - steps > self._modulus / 2).tolist():
             # packets that waited for the link arrive together: only the freshest tells the time
             fresh = int(np.searchsorted(host_s, host_s[gap] + BURST_S, side="right"))
@@ -141,10 +170,33 @@ class DeviceTime:
     def _plausible(self, steps: FloatArray, host_s: FloatArray, before_s: float) -> AnyArray:
         if not self._judged:
             return np.ones(len(steps), dtype=bool)
-        advance = steps * self._tick_s
-        excess = advance - differences(host_s, before_s)
-        near: AnyArray = (np.abs(excess) <= self._slack_s) & (steps >= -self._backward)
+        excess = steps * self._tick_s
+        excess -= differences(host_s, before_s)
+        near: AnyArray = np.abs(excess, out=excess) <= self._slack_s
+        near &= steps >= -self._backward
         return near
+
+    def _leaps_ahead(
+        self, steps: FloatArray, host_s: FloatArray, plausible: AnyArray
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which packets are ahead of all before them by more than any clock errs."""
+        if self._anchor is None or not np.isfinite(self._max_skew):
+            return np.zeros(len(steps), dtype=bool)
+        advance = np.where(plausible, steps * self._tick_s, 0.0)
+        excess = np.where(plausible, advance - differences(host_s, self._anchor.host_s), 0.0)
+        ahead = self._ahead_s + np.cumsum(excess)
+        most = np.maximum.accumulate(
+            np.concatenate(([self._most_s], ahead + self._max_skew * host_s))
+        )
+        least = LEAP_S + 2.0 * self._max_skew * advance
+        leaps: npt.NDArray[np.bool_] = (excess > least) & (
+            ahead + self._max_skew * host_s - most[:-1] > least
+        )
+        # the last is handed in again if it is held
+        settled = len(steps) - int(leaps[-1] or not plausible[-1])
+        if settled:
+            self._ahead_s, self._most_s = float(ahead[settled - 1]), float(most[settled])
+        return leaps
 
     def _continues(self, value: float, host_s: float) -> bool:
         """Whether a packet continues the last one kept, with strays between them left out."""
@@ -160,6 +212,9 @@ def _kept(
 ) -> Unwrapped:
     if not runs:
         return Unwrapped(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64), held, strays)
+    if len(runs) == 1:
+        rows, device_s, number = runs[0]
+        return Unwrapped(rows, device_s, np.full(len(rows), number), held, strays)
     rows = np.concatenate([r for r, _, _ in runs])
     epoch = np.repeat([e for _, _, e in runs], [len(r) for r, _, _ in runs]).astype(np.int64)
     return Unwrapped(rows, np.concatenate([t for _, t, _ in runs]), epoch, held, strays)

@@ -16,6 +16,7 @@ from imu_rig.timing.clock_fit import (
 )
 
 KEPT_BINS = 60  # with packets, kept however old: a slow sensor's or those before a long silence
+WORTH_S = 1e-6  # by which a packet must be ahead of the fit for another
 
 
 class LiveClockFit:
@@ -50,7 +51,7 @@ class LiveClockFit:
             raise ValueError("a clock cannot be fitted to no packets")
         fit = self._fit
         grown = self._remember(device, host)
-        if fit is None or grown or np.any(host < fit.host(device)):
+        if fit is None or grown or np.any(fit.host(device) - host > WORTH_S):
             _, least_device, least_host, any_device, any_host = self._table
             fit = fit_minima(
                 least_device, least_host, self._max_skew, self._min_span_s, self._default_skew

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
+from imu_rig.timing.clock_fit import MAX_SKEW
 from imu_rig.timing.counters import Unwrapper, differences
 from imu_rig.timing.device_time import DeviceTime
 
@@ -22,6 +23,7 @@ TimeSource = Literal["device clock", "packet counter", "arrival"]
 # Constants of time.
 SHORT_CLOCK_S = 2.0  # clocks that wrap sooner are no clocks: transport delays hide their wraps
 GUESSED_PERIOD_S = 0.01  # between packets, where neither layout nor data tell it yet
+COUNTED_SKEW = 0.1  # by which the real rate of counted packets may differ from the nominal rate
 SILENCE_S = 1.0  # without a packet: uncounted samples begin a new segment after it
 PERIOD_MEMORY = 200  # packets over which the measured period follows a change
 RECENT = 64  # packets among which a late one is recognized as a duplicate
@@ -29,13 +31,14 @@ RECENT = 64  # packets among which a late one is recognized as a duplicate
 
 @dataclass(frozen=True)
 class OrderStats:
-    """How many packets were lost, repeated, out of order or impossible, and restarts."""
+    """How many packets were lost, repeated, out of order or impossible; restarts and leaps."""
 
     lost: int = 0
     duplicates: int = 0
     reordered: int = 0
     strays: int = 0
     restarts: int = 0
+    leaps: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,10 +96,11 @@ class SampleOrder:
         self._index_period_s = period_s or GUESSED_PERIOD_S
         if clock_modulus is not None and clock_modulus * tick_s >= SHORT_CLOCK_S:
             self.time_source = "device clock"
-            self._time = DeviceTime(clock_modulus, tick_s)
+            self._time = DeviceTime(clock_modulus, tick_s, max_skew=MAX_SKEW)
         elif counter_modulus is not None:
             self.time_source = "packet counter"
-            self._time = DeviceTime(counter_modulus, self._index_period_s)
+            skew = np.inf if period_s is None else COUNTED_SKEW
+            self._time = DeviceTime(counter_modulus, self._index_period_s, max_skew=skew)
         # equal clocks mean equal packets only if the clock ticks faster than the packets come
         self._identified = self.time_source == "packet counter" or (
             self.time_source == "device clock"
@@ -111,8 +115,12 @@ class SampleOrder:
     @property
     def stats(self) -> OrderStats:
         """Counts so far."""
-        restarts = 0 if self._time is None else self._time.restarts
-        return OrderStats(self._lost, self._duplicates, self._reordered, self._strays, restarts)
+        restarts, leaps = 0, 0
+        if self._time is not None:
+            restarts, leaps = self._time.restarts, self._time.leaps
+        return OrderStats(
+            self._lost, self._duplicates, self._reordered, self._strays, restarts, leaps
+        )
 
     def feed(self, clock: AnyArray | None, counter: AnyArray | None, host_s: FloatArray) -> Ordered:
         """Order the next packets, given their raw fields and their arrival [s], each shape (n,)."""
@@ -126,7 +134,9 @@ class SampleOrder:
             self._strays += unwrapped.strays
             rows, device_s, segment = unwrapped.rows, unwrapped.device_s, unwrapped.epoch
             held = unwrapped.held
-        counts = None if counter is None else np.asarray(counter)[rows].astype(np.int64)
+        counts = None if counter is None else np.asarray(counter, np.int64)
+        if counts is not None and len(rows) < len(counts):
+            counts = counts[rows]
         fresh = self._sort(device_s, segment, counts)
         rows, device_s, segment = rows[fresh], device_s[fresh], segment[fresh]
         counts = None if counts is None else counts[fresh]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imu_rig.timing import LiveClockFit, fit_clock
+from imu_rig.timing import LiveClockFit, alignment_sigma_s, fit_clock
 
 RATE_HZ = 100.0
 ORIGIN_S = 4321.0
@@ -92,7 +92,7 @@ def test_the_live_fit_ends_where_the_whole_record_does(seed):
 def test_the_live_fit_follows_half_an_hour_in_bounded_memory():
     device, host, true = bluetooth(7, 1800.0)
     live = LiveClockFit()
-    for piece in np.array_split(np.arange(len(device)), 3600):
+    for piece in np.array_split(np.arange(len(device)), 1200):
         fit = live.update(device[piece], host[piece])
     newest = slice(-60_000, None)
     assert rms((fit.host(device) - true)[newest]) < 0.3e-3
@@ -124,3 +124,52 @@ def test_possible_clocks_are_not_reported_however_late_their_packets():
             for skew in (-0.01, 0.0, 0.01):
                 device, host, _ = bluetooth(seed, duration_s, skew=skew)
                 assert fit_clock(device, host).impossible_skew is None
+
+
+# --- long records ---------------------------------------------------------------------------
+
+
+def wandering(seed, hours, rate_hz=10.0):
+    """Device clock, arrival and true time [s]: the crystal changes by 2 ppm in ten minutes."""
+    rng = np.random.default_rng(seed)
+    device = np.arange(int(hours * 3600 * rate_hz)) / rate_hz
+    warm = 2e-6 * np.clip((device - hours * 1800) / 600, 0, 1)
+    true = ORIGIN_S + device + np.cumsum(warm) / rate_hz
+    return device, np.maximum.accumulate(true + rng.exponential(5e-3, len(device))), true
+
+
+def test_a_long_record_is_followed_where_a_straight_line_cannot():
+    device, host, true = wandering(1, 6.0)
+    fit = fit_clock(device, host)
+    straight = np.polynomial.Polynomial.fit(device, true, 1)
+    assert np.abs(straight(device) - true).max() > 2e-3
+    assert np.abs(fit.host(device) - true).max() < 0.3e-3
+    assert np.abs(fit.host(device) - true).max() < 4 * fit.sigma_s
+
+
+def test_a_long_record_maps_without_steps_or_steps_back_and_never_later_than_arrival():
+    device, host, _ = wandering(2, 3.0)
+    fit = fit_clock(device, host)
+    assert np.min(host - fit.host(device)) > -1e-6
+    fine = np.linspace(device[0] - 100.0, device[-1] + 100.0, 200_001)
+    pace = np.diff(fit.host(fine)) / np.diff(fine)
+    assert np.all(np.abs(pace - 1.0) < 1e-4)
+
+
+def test_hours_of_silence_within_a_record_do_no_harm():
+    device, host, true = wandering(3, 9.0)
+    here = (device < 3600.0) | (device > 30_000.0)
+    fit = fit_clock(device[here], host[here])
+    assert np.abs(fit.host(device[here]) - true[here]).max() < 0.5e-3
+
+
+def test_arrivals_of_any_kind_give_times_that_do_not_run_backwards():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        device = np.cumsum(rng.pareto(0.6, 3000))
+        host = np.cumsum(rng.pareto(0.6, 3000))
+        assert np.all(np.diff(fit_clock(device, host).host(device)) >= -1e-9)
+
+
+def test_two_devices_on_one_clock_are_aligned_to_the_root_of_the_sum_of_squares():
+    assert alignment_sigma_s(3e-4, 4e-4) == pytest.approx(5e-4)
