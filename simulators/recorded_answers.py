@@ -11,11 +11,11 @@ Reply = tuple[tuple[int, bytes], ...]
 PATIENCE_S = 0.05
 """How long the rest of a request may take that has begun."""
 
-LEAD_NS = 50_000_000
+LEAD_NS = 150_000_000
 """A device is as far with a command as it was this much later when recorded.
 
-A program that is a little late finds its sensor's data gone on to the next move. One that is told
-of an arrival a little early waits for the data.
+A program that looks a little later than the recorded one did finds its sensor's data gone on to the
+next move. One that is told of an arrival a little early waits for the data.
 """
 
 AHEAD_NS = 10_000_000_000
