@@ -365,6 +365,8 @@ def _fit_segments(
         )
         if len(fits) == 1:
             skew = fits[segment].skew
+            if np.ptp(ordered.device_s[part]) >= MIN_SPAN_S:  # the rate is known well from now on
+                options["min_span_s"] = max(options["min_span_s"], MIN_SPAN_S)
     return {n: fits[n] for n in parts}
 
 

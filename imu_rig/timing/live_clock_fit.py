@@ -63,6 +63,8 @@ class LiveClockFit:
         """Forget the segment, for the device's clock began anew; its crystal is still the same."""
         if self._fit is not None:
             self._default_skew = self._fit.skew
+            if np.ptp(self._table[1]) >= MIN_SPAN_S:  # it is known better than from a few seconds
+                self._min_span_s = max(self._min_span_s, MIN_SPAN_S)
         self._fit = None
         self._table = np.empty((5, 0))
 
