@@ -59,7 +59,7 @@ class RecordingOptions:
     queue_bytes: int = 4 << 20
     reserve_bytes: int = 100_000_000
     planned_bytes: int = 0
-    join_s: float = 0.008
+    join_s: float = 0.005
     sync_s: float = 1.0
     note_s: float = 1.0
     close_s: float = 10.0

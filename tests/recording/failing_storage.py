@@ -42,18 +42,27 @@ class FailingFileSystem(OsFileSystem):
 
 
 class BlockedFileSystem(OsFileSystem):
-    """A disk that does not answer until ``released``."""
+    """A disk that does not answer until ``released``; with ``syncs_only`` it takes all the same."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, syncs_only: bool = False) -> None:
         self.released = threading.Event()
         self.released.set()
         self.blocked = threading.Event()
+        self.syncs_only = syncs_only
 
     def write(self, descriptor: int, data: bytes) -> int:
+        if not self.syncs_only:
+            self._answer()
+        return super().write(descriptor, data)
+
+    def fdatasync(self, descriptor: int) -> None:
+        if self.syncs_only:
+            self._answer()
+
+    def _answer(self) -> None:
         if not self.released.is_set():
             self.blocked.set()
             self.released.wait()
-        return super().write(descriptor, data)
 
 
 class BadSyncFileSystem(OsFileSystem):

@@ -10,6 +10,13 @@ from failing_storage import (
     SmallFileSystem,
 )
 from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, numbers, row
+from storage_fault_harness import (
+    FIRST_WRITE,
+    PROBLEMS,
+    failing_syncs,
+    failing_writes,
+    record_until_failure,
+)
 
 from imu_rig.clock import SteppedClock
 from imu_rig.errors import StorageError
@@ -29,43 +36,26 @@ def create(path, file_system, *, on_error=None, **options):
     )
 
 
-@pytest.mark.parametrize(("lasting", "step"), [(False, 1), (True, 9)], ids=["once", "lasting"])
 @pytest.mark.parametrize(
-    ("problem", "ended"),
-    [(errno.ENOSPC, "disk_full"), (errno.EIO, "storage_failed"), (0, "disk_full")],
-    ids=["ENOSPC", "EIO", "short"],
+    ("lasting", "uncut", "step"),
+    [(False, False, 1), (True, False, 9), (False, True, 9), (True, True, 40)],
+    ids=["once", "for good", "not cut back", "not cut back, for good"],
 )
-def test_a_disk_that_fails_at_the_nth_write(tmp_path, problem, ended, lasting, step):
-    for failing in range(2, WRITES + 1, step):
-        path = tmp_path / f"{failing}.imu-trial"
-        errors = []
-        trial = create(path, FailingFileSystem(failing, problem, lasting), on_error=errors.append)
-        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
-        trial.flush()
-        handed_in = 0
-        while trial.error is None:
-            trial.bytes_in(source, handed_in * 10_000_000, row(handed_in))
-            trial.flush()
-            handed_in += 1
-        acknowledged, size = trial.written_records, trial.acknowledged_bytes
-        trial.bytes_in(source, 0, b"too late")
-        assert trial.unwritten_records >= 1
-        trial.close()
-        trial.close()
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_a_disk_that_fails_at_the_nth_write(tmp_path, problem, lasting, uncut, step):
+    which = range(FIRST_WRITE, WRITES + 1, step)
+    figures = failing_writes(tmp_path, problem, lasting=lasting, uncut=uncut, which=which)
+    assert figures.problems == []
+    assert figures.acknowledged > 10 * len(which)
+    assert figures.lost == 0
 
-        assert errors == [trial.error]
-        assert str(path) in str(trial.error)
-        found = open_trial(path)
-        assert len(found.records) >= acknowledged
-        if SOURCE in found.sources and handed_in:
-            assert numbers(found) == list(range(handed_in - 1))
-        assert not found.damage
-        if lasting:
-            assert found.ended is None
-            assert path.stat().st_size == size
-        else:
-            assert found.ended == ended
-        path.unlink()
+
+def test_the_failure_is_told_once(tmp_path):
+    errors = []
+    trial = create(tmp_path / "x.imu-trial", FailingFileSystem(9), on_error=errors.append)
+    record_until_failure(trial)
+    trial.close()
+    assert errors == [trial.error]
 
 
 def test_a_file_that_cannot_be_cut_back_loses_nothing_and_is_ended(tmp_path):
@@ -149,28 +139,13 @@ def test_a_failing_sync_ends_the_recording(tmp_path):
     assert found.events[0].name == "kept"
 
 
-@pytest.mark.parametrize("failing", [1, 2, 3, 9])
-def test_the_nth_sync_that_fails_ends_the_recording(tmp_path, failing):
-    path = tmp_path / "x.imu-trial"
-    file_system = BadSyncFileSystem(failing)
-    if failing == 1:  # before the first record is handed in
-        with pytest.raises(StorageError, match="Input/output error"):
-            create(path, file_system)
-        assert not path.exists()
-        return
-    trial = create(path, file_system, sync_s=0.001)
-    source = trial.add_source(SOURCE, "test", DESCRIPTOR)
-    handed_in = 0
-    while trial.error is None:
-        trial.bytes_in(source, handed_in * 10_000_000, row(handed_in))
-        trial.flush()
-        handed_in += 1
-    trial.close()
-    assert f"the first {trial.synced_bytes} bytes are safe" in str(trial.error)
-    found = open_trial(path)
-    assert numbers(found)[: handed_in - 1] == list(range(handed_in - 1))
-    assert found.ended == "storage_failed"
-    assert not found.damage
+def test_the_nth_sync_that_fails_ends_the_recording(tmp_path):
+    with pytest.raises(StorageError, match="Input/output error"):
+        create(tmp_path / "first.imu-trial", BadSyncFileSystem(1))
+    assert list(tmp_path.iterdir()) == []
+    figures = failing_syncs(tmp_path, [2, 3, 9])
+    assert figures.problems == []
+    assert figures.trials == 3
 
 
 def test_a_slow_disk_is_waited_for_by_the_queue_alone(tmp_path):
@@ -216,6 +191,49 @@ def test_a_slow_disk_is_waited_for_by_the_queue_alone(tmp_path):
     assert gaps[other].fields["records"] == 1
     assert found.wire(SOURCE).breaks.nonzero()[0].tolist() == [fits]
     assert found.events[0].name == "an event still finds room"
+
+
+@pytest.mark.parametrize("stall_s", [0.5, 5.0, 30.0])
+def test_nothing_is_lost_while_the_disk_stalls_for_less_than_the_queue_lasts(tmp_path, stall_s):
+    """Four sensors of 28 bytes at 400 Hz and a barometer; the queue is stated to last 45 s."""
+    path = tmp_path / "x.imu-trial"
+    file_system = BlockedFileSystem()
+    rates_hz = {"a": 400, "b": 400, "c": 400, "d": 400, "height": 50}
+    sizes = {"height": 16}
+    with create(path, file_system) as trial:
+        sources = {name: trial.add_source(name, "test", DESCRIPTOR) for name in rates_hz}
+        assert trial.flush()
+        file_system.released.clear()
+        for name, rate_hz in rates_hz.items():
+            for number in range(round(rate_hz * stall_s)):
+                data = number.to_bytes(sizes.get(name, 28), "little")
+                trial.bytes_in(sources[name], round(number / rate_hz * 1e9), data)
+        assert trial.unwritten_records == 0
+        file_system.blocked.wait()
+        file_system.released.set()
+    found = open_trial(path)
+    assert not found.damage
+    assert found.gaps == []
+    for name, rate_hz in rates_hz.items():
+        size = sizes.get(name, 28)
+        sent = [number.to_bytes(size, "little") for number in range(round(rate_hz * stall_s))]
+        assert found.wire(name).data == b"".join(sent)
+
+
+def test_a_sync_that_takes_long_holds_up_no_write(tmp_path):
+    path = tmp_path / "x.imu-trial"
+    file_system = BlockedFileSystem(syncs_only=True)
+    with create(path, file_system, sync_s=0.001) as trial:
+        source = trial.add_source(SOURCE, "test", DESCRIPTOR)
+        file_system.released.clear()
+        file_system.blocked.wait()
+        for number in range(50):
+            trial.bytes_in(source, number * 10_000_000, row(number))
+        assert trial.flush()
+        assert numbers(open_trial(path)) == list(range(50))
+        assert trial.synced_bytes < trial.acknowledged_bytes
+        file_system.released.set()
+    assert trial.synced_bytes == trial.acknowledged_bytes
 
 
 def test_a_disk_that_never_answers_does_not_hold_up_the_end(tmp_path):
