@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -222,6 +223,9 @@ def _facts(data: TrialData, to: str, files: list[Path], notes: list[str]) -> dic
                 "calibrated": list(summary.calibrated),
                 "gaps": summary.gaps,
                 "missing_samples": summary.missing_samples,
+                "time_uncertainty_s": (
+                    summary.time_uncertainty_s if isfinite(summary.time_uncertainty_s) else None
+                ),
             }
             for name, summary in summaries.items()
         },

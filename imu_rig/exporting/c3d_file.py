@@ -63,7 +63,7 @@ def write_c3d(data: TrialData, target: Place, output: Output) -> None:
     analogs = np.full((1, channels, frames * per_frame), np.nan)
     placed, row = [], 0
     for device in devices:
-        next(output.spans(device.name, len(device)), None)
+        output.tell(f"exporting {device.name}")
         where = place(grid, device.samples.t, device.missing)
         placed.append(where)
         there = np.flatnonzero(where.rows >= 0)
@@ -130,6 +130,7 @@ def _tell_placing(
         "DEVICES": [_short(device.name) for device in devices],
         "REPEATED": [float(where.repeated) for where in placed],
         "LEFT_OUT": [float(where.left_out) for where in placed],
+        "TIME_UNCERTAINTY_S": [device.time_uncertainty_s for device in devices],
         "EMPTY": [float(where.empty) for where in placed],
     }
     for name, value in facts.items():

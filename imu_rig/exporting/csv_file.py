@@ -47,7 +47,7 @@ def write_csv(data: TrialData, place: Place, output: Output) -> None:
             counted = ["counter"] if device.samples.counter is not None else []
             file.write(_line(["t_s", *(c.label for c in columns), *counted, "utc"]))
             decimals = [decimals_of(column.values) for column in columns]
-            for span in output.spans(device.name, len(device)):
+            for span in output.spans(device.name, len(device), len(device.columns)):
                 file.write(_rows(device[span], decimals))
     if gaps:
         names = ["device", "start_s", "stop_s", "samples", "reason"]

@@ -55,8 +55,9 @@ class DeviceData:
 
     Attributes
     ----------
-    name, key : str
-        What people call it, and a part of a file name or topic for it, unlike any other's.
+    source, name, key : str
+        Its name in the trial, the same in printable text, and a part of a file name or topic for
+        it, unlike any other's.
     kind, layout : str
         Kind of source and name of the packet layout.
     rate_hz : float or None
@@ -67,10 +68,13 @@ class DeviceData:
     missing : tuple of Missing
     start_utc_ns : int
         Wall clock at trial time 0 [ns since 1970 UTC].
+    time_uncertainty_s : float
+        Standard uncertainty of its times where it is worst [s]; infinite where there are none.
     time_problem : str or None
         Why its times cannot be right, as a sentence without its stop.
     """
 
+    source: str
     name: str
     key: str
     kind: str
@@ -80,7 +84,8 @@ class DeviceData:
     calibrated: tuple[str, ...]
     missing: tuple[Missing, ...]
     start_utc_ns: int
-    time_problem: str | None = None
+    time_uncertainty_s: float
+    time_problem: str | None
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -157,6 +162,7 @@ class Summary:
     measured: tuple[str, ...]
     gaps: int
     missing_samples: int
+    time_uncertainty_s: float
     time_problem: str | None
 
 
@@ -185,7 +191,7 @@ class TrialData:
     keys : dict
         A part of a file name or topic for each device of the trial.
     summaries : dict
-        Of each device that was decoded so far.
+        Of each device that was decoded so far and not left out.
     """
 
     def __init__(
@@ -221,6 +227,7 @@ class TrialData:
         layout = trial.source(name).descriptor.get("layout", {})
         rate = layout.get("rate_hz")
         device = DeviceData(
+            source=name,
             name=one_line(name),
             key=self.keys[name],
             kind=one_line(trial.source(name).kind),
@@ -230,6 +237,7 @@ class TrialData:
             calibrated=calibrated,
             missing=tuple(trial.missing(name)),
             start_utc_ns=trial.start_utc_ns,
+            time_uncertainty_s=trial.time_uncertainty_s(name),
             time_problem=self._time_problem(name, samples),
         )
         self.summaries[name] = Summary(
@@ -239,9 +247,14 @@ class TrialData:
             tuple(device.fields),
             len(device.missing),
             device.missing_samples,
+            device.time_uncertainty_s,
             device.time_problem,
         )
         return device
+
+    def leave_out(self, name: str) -> None:
+        """Take a device that a format cannot hold out of what was exported."""
+        del self.summaries[name]
 
     def _time_problem(self, name: str, samples: Samples) -> str | None:
         """Ask the trial, which knows it of inertial sensors in known units."""

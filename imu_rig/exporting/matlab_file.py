@@ -20,7 +20,7 @@ DESCRIPTION_BYTES = 116
 TRIAL = "trial"
 OWN_FIELDS = (
     *("name", "layout", "t", "host_s", "device_s", "counter"),
-    *("units", "calibrated", "gaps", "utc_start", "utc_start_posix"),
+    *("units", "calibrated", "gaps", "utc_start", "utc_start_posix", "time_uncertainty_s"),
 )
 
 
@@ -49,7 +49,7 @@ def write_matlab(data: TrialData, place: Place, output: Output) -> None:
         file.seek(0, 2)
         for name in data.names:
             device = data.device(name)
-            next(output.spans(device.name, len(device)), None)
+            output.tell(f"exporting {device.name}")
             content = _struct(device)
             if (size := _size(content)) > LARGEST_VARIABLE:
                 raise InputError(
@@ -66,6 +66,7 @@ def _struct(device: DeviceData) -> dict[str, Any]:
         "layout": device.layout,
         "utc_start": device.start_utc,
         "utc_start_posix": device.start_utc_ns / 1e9,
+        "time_uncertainty_s": device.time_uncertainty_s,
         "t": samples.t,
         "host_s": samples.host_s,
     }

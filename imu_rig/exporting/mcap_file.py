@@ -110,12 +110,13 @@ def _write_device(writer: Writer, device: DeviceData, output: Output) -> None:
         "device": device.name,
         "layout": device.layout,
         "calibrated": ", ".join(device.calibrated) or "none",
+        "time_uncertainty_s": f"{device.time_uncertainty_s:.3g}",
     }
     writer.add_metadata(f"device {device.name}", {**about, "topic": topic})
     channel = writer.register_channel(topic, "json", schema, about)
     decimals = [decimals_of(column.values) for column in device.columns]
     first = 0
-    for span in output.spans(device.name, len(device)):
+    for span in output.spans(device.name, len(device), len(device.columns)):
         part = device[span]
         times = part.utc_ns.tolist()
         _require_positive(min(times), device)

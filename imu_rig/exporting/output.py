@@ -14,7 +14,8 @@ from imu_rig.files import require_new, whole_file
 Tell = Callable[[str], None]
 """Takes what is being done, for whoever waits."""
 
-ROWS_AT_A_TIME = 20_000
+NUMBERS_AT_A_TIME = 300_000
+"""Rows times columns that are written at once: a packet may have thousands of numbers."""
 WHAT = "an exported file"
 
 
@@ -49,6 +50,8 @@ class Output:
     ----------
     files : list of Path
         Those written so far.
+    tell : callable
+        Takes what is being done.
     notes : list of str
         Sentences about what the files do not hold as it was recorded.
     """
@@ -56,7 +59,7 @@ class Output:
     def __init__(self, tell: Tell | None = None) -> None:
         self.files: list[Path] = []
         self.notes: list[str] = []
-        self._tell = tell or (lambda _: None)
+        self.tell = tell or (lambda _: None)
 
     def __enter__(self) -> Self:
         return self
@@ -88,8 +91,9 @@ class Output:
             yield file
         self.files.append(path)
 
-    def spans(self, device: str, count: int) -> Iterator[slice]:
+    def spans(self, device: str, count: int, columns: int) -> Iterator[slice]:
         """Yield the rows of a device in pieces, telling how far it is."""
-        for start in range(0, count, ROWS_AT_A_TIME):
-            self._tell(f"exporting {device}, {100 * start // count} %")
-            yield slice(start, start + ROWS_AT_A_TIME)
+        step = max(1, NUMBERS_AT_A_TIME // max(1, columns))
+        for start in range(0, count, step):
+            self.tell(f"exporting {device}, {100 * start // count} %")
+            yield slice(start, start + step)

@@ -29,7 +29,7 @@ def write_parquet(data: TrialData, place: Place, output: Output) -> None:
             output.open(place.of(device.key)) as file,
             parquet.ParquetWriter(file, schema, compression="zstd") as writer,
         ):
-            for span in output.spans(device.name, len(device)):
+            for span in output.spans(device.name, len(device), len(device.columns)):
                 writer.write_table(_table(device[span], schema))
 
 
@@ -54,6 +54,7 @@ def _schema(data: TrialData, device: DeviceData) -> pyarrow.Schema:
     about = {
         "device": device.name,
         "layout": device.layout,
+        "time_uncertainty_s": f"{device.time_uncertainty_s:.3g}",
         "trial": json.dumps(data.about, ensure_ascii=False),
         "gaps": json.dumps(gaps, ensure_ascii=False),
         "markers": json.dumps(

@@ -27,6 +27,8 @@ HPA = {"Pa": 0.01, "hPa": 1.0, "mbar": 1.0, "kPa": 10.0, "bar": 1000.0}
 UT_PER_GAUSS = 100.0
 TEXT_BYTES = 50
 LINK_BITS = 3
+NUMBERS = 15
+"""In a message of an inertial sensor."""
 _UPDATED = {"accel": 0x7, "gyro": 0x38, "mag": 0x1C0, "pressure": 0x200, "temperature": 0x1000}
 
 
@@ -54,7 +56,9 @@ def write_tlog(data: TrialData, place: Place, output: Output) -> None:
     streams, texts = [], [(m.utc_us, 0, m.label) for m in data.markers]
     for number, device in enumerate(data):
         stream = _stream(device, number, output)
-        if stream is not None:
+        if stream is None:
+            data.leave_out(device.source)
+        else:
             streams.append(stream)
             state = f"calibrated {', '.join(device.calibrated)}" if device.calibrated else "raw"
             component = FIRST_COMPONENT + number
@@ -81,7 +85,7 @@ def _in_order(streams: list[_Stream], output: Output) -> Iterator[tuple[int, byt
         )
     firsts = np.cumsum([0, *(len(stream.utc_us) for stream in streams)])
     order = np.argsort(times, kind="stable")
-    for span in output.spans("all devices", len(order)):
+    for span in output.spans("all devices", len(order), NUMBERS):
         chosen = order[span]
         which = np.searchsorted(firsts, chosen, side="right") - 1
         places = zip(
@@ -99,7 +103,9 @@ def _stream(device: DeviceData, number: int, output: Output) -> _Stream | None:
         held.add("pressure")
     if celsius is not None and held:
         held.add("temperature")
-    if left_out := [name for name in device.fields if name not in held]:
+    if not held:
+        output.notes.append(f"{device.name}: MAVLink has no message for it; left out.")
+    elif left_out := [name for name in device.fields if name not in held]:
         output.notes.append(
             f"{device.name}: MAVLink has no place for {', '.join(left_out)}; left out."
         )

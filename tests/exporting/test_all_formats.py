@@ -126,7 +126,7 @@ def test_a_clock_before_1970_is_refused_where_it_cannot_be_said(
 
 
 def test_whoever_waits_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imu_rig.exporting.output.ROWS_AT_A_TIME", 50)
+    monkeypatch.setattr("imu_rig.exporting.output.NUMBERS_AT_A_TIME", 500)  # of ten columns
     trial = write_trial(tmp_path / "x.imu-trial", [Device("foot", count=100)], marked=False)
     told: list[str] = []
     export_trial(TrialData(trial), "csv", tmp_path / "x.csv", told.append)

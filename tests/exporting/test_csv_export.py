@@ -10,7 +10,7 @@ from trials_to_export import BARO, LEFT, MARKERS, RIGHT, SUBJECT, Device, write_
 from firmware_protocols.layout import load_layout
 from imu_rig.exporting.device_data import TrialData
 from imu_rig.exporting.formats import export_trial
-from imu_rig.recording import Trial
+from imu_rig.recording import Trial, open_trial
 
 IMU_COLUMNS = [
     *("t_s", "accel_x_mps2", "accel_y_mps2", "accel_z_mps2"),
@@ -98,6 +98,21 @@ def test_what_is_known_of_the_trial_is_printable(trial: Trial) -> None:
     assert about["subject"] == SUBJECT["subject"]
     assert all(text.isprintable() for text in about.values())
     assert TrialData(trial).device(RIGHT.name).name == "../왼발 [31m"
+
+
+def test_the_golden_trial_is_written_as_it_was_made(tmp_path: Path) -> None:
+    """Packet n has the accelerations 0, n / 4096 and 1 g, rates -n / 32.8, 10 and 0 deg/s."""
+    golden = Path(__file__).resolve().parent.parent / "data" / "golden-devices-v1.imu-trial"
+    export_trial(TrialData(open_trial(golden), ["left shoe"]), "csv", tmp_path / "x.csv")
+    lines = (tmp_path / "x.csv").read_bytes().split(b"\n")
+    assert lines[2] == (
+        b"0.012000,0,0.0023942017,9.80665,-0.0005321126,0.1745329252,0,0,1,"
+        b"2026-09-21T14:13:20.012000Z"
+    )
+    assert lines[300] == (
+        b"2.992000,0,0.7158662964,9.80665,-0.1591016620,0.1745329252,0,0,299,"
+        b"2026-09-21T14:13:22.992000Z"
+    )
 
 
 def test_columns_of_the_same_name_are_told_apart(tmp_path: Path) -> None:

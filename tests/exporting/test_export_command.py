@@ -12,6 +12,7 @@ import pytest
 from trials_to_export import BARO, LEFT, RIGHT, Device, write_trial
 
 from imu_rig.cli.main import run as main
+from imu_rig.recording import open_trial
 
 CERTIFICATE = Path(__file__).resolve().parent.parent / "data" / "certificate-v1.json"
 CONTENT = json.loads(CERTIFICATE.read_text())
@@ -84,6 +85,8 @@ def test_the_certificates_of_the_trial_are_applied_when_asked(
     assert "has no magnetometer: its columns are raw" in err
     summary = json.loads(out)
     assert summary["devices"]["left shoe"]["calibrated"] == ["accel", "gyro"]
+    uncertainty_s = open_trial(walk).time_uncertainty_s("left shoe")
+    assert summary["devices"]["left shoe"]["time_uncertainty_s"] == uncertainty_s
     assert summary["calibrated"] == []  # of the other shoe nothing is
     assert summary["samples"] == len(LEFT.kept) + len(RIGHT.kept) + len(BARO.kept)
     assert set(summary["files"]) == set(map(str, tmp_path.iterdir()))

@@ -119,6 +119,7 @@ def test_markers_are_texts_and_long_ones_come_in_pieces(messages: list[Any]) -> 
 def test_what_has_no_message_is_said(trial: Trial, tmp_path: Path) -> None:
     done = export_trial(TrialData(trial), "tlog", tmp_path / "x.tlog")
     assert "barometer: MAVLink has no place for battery; left out." in done.notes
+    assert list(done.files) == [tmp_path / "x.tlog"]
     layout = load_layout("baro-16").to_dict()
     layout["fields"] = [f for f in layout["fields"] if f["name"] != "pressure"]
     odd = write_trial(
@@ -126,3 +127,11 @@ def test_what_has_no_message_is_said(trial: Trial, tmp_path: Path) -> None:
     )
     with pytest.raises(DataError, match="no device measures"):
         export_trial(TrialData(odd), "tlog", tmp_path / "odd.tlog")
+    mixed = write_trial(
+        tmp_path / "mixed.imu-trial",
+        [Device("t", "baro-16", 0, descriptor={"layout": layout}), LEFT],
+    )
+    data = TrialData(mixed)
+    done = export_trial(data, "tlog", tmp_path / "mixed.tlog")
+    assert "t: MAVLink has no message for it; left out." in done.notes
+    assert list(data.summaries) == ["left shoe"]
