@@ -105,6 +105,10 @@ class ImuStream:
         """
         return self.feed_many([(t_ns, data)])
 
+    def cut(self) -> None:
+        """Let no packet lie on both sides of here: the port was opened anew, bytes are missing."""
+        self._packets.cut()
+
     def feed_many(self, chunks: list[tuple[int, bytes]]) -> ImuBlock:
         """Take in several pieces in order of arrival, faster than one by one."""
         packets = self._packets.feed_many(chunks)

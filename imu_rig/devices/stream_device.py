@@ -119,6 +119,9 @@ class Stream(Protocol[BlockOut]):
     def feed_many(self, chunks: list[tuple[int, bytes]]) -> BlockOut:
         """Take in bytes and return the samples that are complete."""
 
+    def cut(self) -> None:
+        """Let no packet lie on both sides of here."""
+
 
 class StreamDevice(Generic[Block]):
     """Reads one device in a thread of its own and hands out samples when polled.
@@ -220,8 +223,8 @@ class StreamDevice(Generic[Block]):
 
         A USB device with a serial number is found again wherever it is plugged in.
 
-        Counters, decoder and clock fit go on: a device that kept running meanwhile is continued
-        with a gap, one that started anew is recognized as restarted.
+        Counters and clock fit go on: a device that kept running meanwhile is continued with a gap,
+        one that started anew is recognized as restarted. No packet goes on after the gap.
 
         Raises
         ------
@@ -229,6 +232,9 @@ class StreamDevice(Generic[Block]):
             If the port cannot be opened (yet).
         """
         self.stop()
+        with self._lock:
+            self._decode()
+            self._stream.cut()
         try:
             self.start()
         except PortError as error:

@@ -96,7 +96,7 @@ class Missing:
     reason : str
         ``"unplugged"``, ``"silent"``, ``"queue full"`` and so on as the recorder stated it,
         ``"lost on the way"`` where only the device's numbers tell, ``"restarted"``,
-        ``"lost in the file"``, ``"recording interrupted"``.
+        ``"the computer slept"``, ``"lost in the file"``, ``"recording interrupted"``.
     """
 
     start_s: float

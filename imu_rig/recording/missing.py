@@ -14,6 +14,7 @@ SILENCE_S = 1.0  # without a packet, after which packets without counter and clo
 
 LOST = "lost on the way"
 RESTARTED = "restarted"
+SLEPT = "the computer slept"
 SILENT = "silent"
 
 
@@ -60,8 +61,7 @@ def missing_samples(
     reasons = _reasons(block.host_s, causes)
     known = {place: reasons.get(place, [LOST]) for place in np.flatnonzero(between > 0).tolist()}
     for place in (np.flatnonzero(np.diff(packets.segment)) + 1).tolist():
-        usual = SILENT if packets.time_source == "arrival" else RESTARTED
-        known[place] = reasons.get(place, [usual])
+        known[place] = reasons.get(place, _of_new_stretches(packets))
     found = []
     for place, why in reasons.items():
         if not 0 < place < count:  # before the first sample or after the last: any cause counts
@@ -75,6 +75,14 @@ def missing_samples(
         samples = int(between[place]) if inside else None
         found.append(Missing(start, stop, samples, ", ".join(dict.fromkeys(why))))
     return found
+
+
+def _of_new_stretches(packets: AssembledPackets) -> list[str]:
+    """Why time begins anew, where nobody stated it; of two kinds it may be either."""
+    if packets.time_source == "arrival":
+        return [SILENT]
+    counts = ((packets.stats.restarts, RESTARTED), (packets.stats.leaps, SLEPT))
+    return [" or ".join(why for count, why in counts if count)]
 
 
 def _missing_between(packets: AssembledPackets) -> FloatArray:

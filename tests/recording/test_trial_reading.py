@@ -263,6 +263,17 @@ def test_a_restart_is_told_and_not_counted(desk):
     assert np.all(np.diff(trial.samples("shoe").t) > 0)
 
 
+def test_a_computer_that_slept_is_told_from_a_restart(desk):
+    """The device counts on for ten minutes in which the host's clock stands still."""
+    made = desk(shoe=MPU)
+    columns = counts(MPU, 400)
+    columns["time"][200:] += 600_000_000
+    for t, data in zip(sent_times(400), packets(MPU, columns), strict=True):
+        made.send("shoe", t, data)
+    [gap] = made.trial().missing("shoe")
+    assert (gap.samples, gap.reason) == (None, "the computer slept")
+
+
 def test_packets_that_come_twice_are_read_once(desk):
     made = desk(shoe=MPU)
     data = packets(MPU, counts(MPU, 100))
@@ -338,13 +349,18 @@ def test_no_packet_is_made_of_two_halves(tmp_path_factory, layout, size, gone):
 
 @pytest.mark.parametrize("layout", [MPU, BARE])
 def test_a_port_that_was_opened_anew_breaks_a_packet(desk, layout):
-    made = desk(shoe=layout)
+    made, live = desk(shoe=layout), PacketStream(layout)
     data = packets(layout, counts(layout, 40))
-    made.send("shoe", 0.2, b"".join(data[:20]) + data[20][:15])
+    before, after = b"".join(data[:20]) + data[20][:15], data[30][15:] + b"".join(data[31:])
+    made.send("shoe", 0.2, before)
     made.gap("shoe", 0.2, "unplugged")
-    made.send("shoe", 0.4, data[30][15:] + b"".join(data[31:]))
+    made.send("shoe", 0.4, after)
     trial = made.trial()
-    assert trial.samples("shoe").counter.tolist() == [*range(20), *range(31, 40)]
+    sent = [*range(20), *range(31, 40)]
+    assert trial.samples("shoe").counter.tolist() == sent
+    assert live.feed(200_000_000, before).counter.tolist() == sent[:20]
+    live.cut()
+    assert live.feed(400_000_000, after).counter.tolist() == sent[20:]
     [gap] = trial.missing("shoe")
     assert (gap.samples, gap.reason) == (11, "unplugged")
 
