@@ -362,7 +362,7 @@ def _line(status: ReplayStatus, duration_s: float) -> str:
     if status.state == "ending":
         line += "  everything sent, until it is read"
     elif status.state == "held":
-        line += f"  waiting for {absent or 'a program that reads too slowly'}"
+        line += f"  waiting for {absent or 'a program that is behind'}"
     elif status.without_client:
         line += f"  nobody reads {absent}"
     return line

@@ -3,7 +3,7 @@
 import json
 import os
 import pty
-import select
+import re
 import signal
 import subprocess
 import time
@@ -94,41 +94,36 @@ def test_it_serves_every_device_and_says_how_to_record_them(trial, tmp_path):
         assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_ends_it_and_nothing_foreign_reaches_the_terminal(trial):
-    with replaying(trial, "--tcp") as process:
-        begin = process.stdout.readline() + process.stdout.readline()
-        assert b"socket://127.0.0.1:" in begin
-        process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 130
-        assert b"Traceback" not in stderr
-        assert b"\x1b" not in begin + stdout + stderr
-        assert b"imu-rig record --device" in stdout
-
-
-def test_steps_are_driven_by_what_is_typed(trial):
+def test_steps_are_driven_by_what_is_typed_and_ctrl_c_ends_it(trial):
+    """Nothing foreign reaches the terminal meanwhile."""
+    source = ["--source", "own", "--source", "left \x1b[31m shoe"]
     master, slave = pty.openpty()
     try:
-        with replaying(trial, "--step", "--json", "--source", "own", stdin=slave) as process:
-            port = open_port(said(process)["ports"]["own"])
+        with replaying(trial, "--step", "--tcp", *source, stdin=slave) as process:
+            begin = process.stdout.readline() + process.stdout.readline()
+            ports = [open_port(url) for url in re.findall(r"socket://\S+", begin.decode())]
             got = bytearray()
 
             def typed(line: bytes, expected: int) -> None:
                 os.write(master, line)
                 deadline = time.monotonic() + PATIENCE_S
                 while len(got) < expected and time.monotonic() < deadline:
-                    got.extend(port.read(0.05))
+                    got.extend(ports[0].read(0.05))
                 assert len(got) == expected
 
-            time.sleep(0.3)  # for the program to see that its port was opened
+            time.sleep(0.3)  # for the program to see that its ports were opened
             typed(b"\n", 28)
             typed(b"\n", 56)
             typed(b"0.05\n", 56 + 5 * 28)
-            assert not select.select([process.stdout], [], [], 0)[0]
-            os.write(master, b"q\n")
-            assert said(process)["state"] == "playing"
-            assert process.wait(PATIENCE_S) == 130
-            port.close()
+            assert ports[0].read(0.2) == b""
+            process.send_signal(signal.SIGINT)
+            stdout, stderr = process.communicate(timeout=PATIENCE_S)
+            assert process.returncode == 130
+            assert b"Traceback" not in stderr
+            assert b"\x1b" not in begin + stdout + stderr
+            assert b"imu-rig record --device" in stdout
+            for port in ports:
+                port.close()
     finally:
         os.close(master)
         os.close(slave)
