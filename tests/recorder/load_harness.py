@@ -50,7 +50,11 @@ DEVICES = {
 
 @dataclass(frozen=True)
 class LoadFigures:
-    """What a recording did; packets sent before the port was ready do not count as lost."""
+    """What a recording did; packets sent before the port was ready do not count as lost.
+
+    Of a recording by the program the latency is that of its middle second, for the file holds no
+    other.
+    """
 
     seconds: float
     sent: int
@@ -60,9 +64,10 @@ class LoadFigures:
     servo_answers: int
     unwritten_records: int
     cpu_share: float
-    latency_p50_ms: float
+    latency_p50_ms: float | None
     latency_p99_ms: float
     latency_max_ms: float
+    slowest_write_ms: float
     file_mb: float
 
 
@@ -179,9 +184,10 @@ def _figures(
         servo_answers=len(trial.wire("jig").t),
         unwritten_records=notes[-1]["unwritten_records"],
         cpu_share=round(cpu_share, 3),
-        latency_p50_ms=round(latency.p50_s * 1e3, 2),
+        latency_p50_ms=None if math.isnan(latency.p50_s) else round(latency.p50_s * 1e3, 2),
         latency_p99_ms=round(latency.p99_s * 1e3, 2),
         latency_max_ms=round(latency.max_s * 1e3, 2),
+        slowest_write_ms=round(1e3 * max(n["slowest_write_s"] for n in notes), 2),
         file_mb=round(path.stat().st_size / 1e6, 2),
     )
 
