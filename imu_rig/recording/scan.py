@@ -294,8 +294,12 @@ def _payloads_sound(window: ByteArray, heads: StructArray, crc_at: IntArray) -> 
 
 
 def _chosen(rows: AnyArray, flags: BoolArray) -> AnyArray:
-    """Return the rows that are flagged, without a copy where all are: a mask costs much."""
-    return rows if flags.all() else rows[flags]
+    """Return the rows that are flagged, without a copy where all are."""
+    if flags.all():
+        return rows
+    # Items of no type are copied whole, those of a structure field by field.
+    whole = rows.view(f"V{rows.dtype.itemsize}") if rows.dtype.names else rows
+    return whole[np.flatnonzero(flags)].view(rows.dtype)
 
 
 def _without_nested(
