@@ -84,7 +84,7 @@ def _require_possible(grid: Grid, channels: int) -> None:
         )
     if grid.count * channels > MOST_NUMBERS:
         raise InputError(
-            f"{grid.count} samples of {channels} channels are more than a C3D file is made for: "
+            f"{channels} channels at {grid.count} times are more than a C3D file is made for: "
             "choose some devices with --sensor, or export as mcap or parquet."
         )
 
