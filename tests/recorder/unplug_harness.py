@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -108,6 +109,7 @@ def run(
     folder: Path,
     seed: int = 1,
     *,
+    transport: Literal["pty", "tcp"] = "pty",
     calm_s: float = LONGEST_CALM_S,
     absence_s: float = LONGEST_ABSENCE_S,
 ) -> UnplugFigures:
@@ -116,7 +118,7 @@ def run(
     figures = UnplugFigures()
     path = folder / "unplug.imu-trial"
     unplugged = dict.fromkeys(NAMES, 0)
-    with ServedDevices() as served:
+    with ServedDevices(transport=transport) as served:
         devices = [
             {"name": name, "port": served.add(name, "mpu9150-28", RATE_HZ, seed=number)}
             for number, name in enumerate(NAMES)
@@ -196,9 +198,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--transport", choices=["pty", "tcp"], default="pty")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        figures = run(arguments.times, Path(folder), arguments.seed)
+        figures = run(arguments.times, Path(folder), arguments.seed, transport=arguments.transport)
     print(json.dumps(asdict(figures)))
     return 1 if figures.problems or figures.missing_elsewhere else 0
 
