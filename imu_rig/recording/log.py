@@ -8,7 +8,6 @@ next sync, at most ``sync_s`` later, a power cut cannot either.
 import contextlib
 import errno
 import os
-import queue
 import threading
 import time
 from collections import defaultdict, deque
@@ -128,7 +127,8 @@ class RecordLog:
         self._waiting: deque[Item] = deque()
         self._idle = False  # the writing thread waits for the first record
         self._hurried = False  # somebody waits for what is queued, or there is enough of it
-        self._bell: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._bell = threading.Lock()  # rung by releasing it, by whichever thread
+        self._bell.acquire()
         self._refused = 0  # counted by whoever calls put
         self._given_up = 0  # counted by the writing thread
         self._put_bytes = 0
@@ -219,8 +219,7 @@ class RecordLog:
         """
         size = RECORD_OVERHEAD + len(entry[3])
         queued = self._put_bytes - self._taken_bytes + size
-        room = self._room + _RESERVE_BYTES if reserve else self._room
-        if queued > room or self._error is not None:
+        if queued >= self._enough and not self._admits(queued, reserve):
             self._refused += 1
             return False
         self._put_bytes += size
@@ -229,6 +228,10 @@ class RecordLog:
         if self._idle or (queued >= self._enough and not self._hurried):
             self._hurry()
         return True
+
+    def _admits(self, queued: int, reserve: bool) -> bool:
+        room = self._room + _RESERVE_BYTES if reserve else self._room
+        return queued <= room and self._error is None
 
     def has_room(self, entry: Entry) -> bool:
         """Whether ``put`` would find room in the queue."""
@@ -322,10 +325,10 @@ class RecordLog:
         together, unless somebody waits for them.
         """
         if not self._hurried:
-            self._await_bell(self._options.join_s)
+            self._bell.acquire(timeout=self._options.join_s)
         self._idle = True
         if not self._waiting:
-            self._await_bell(self._due - time.monotonic())
+            self._bell.acquire(timeout=max(0.0, self._due - time.monotonic()))
         self._idle = self._hurried = False
         take = self._waiting.popleft
         return [take() for _ in range(len(self._waiting))]
@@ -333,11 +336,8 @@ class RecordLog:
     def _hurry(self) -> None:
         self._idle = False
         self._hurried = True
-        self._bell.put(None)
-
-    def _await_bell(self, seconds: float) -> None:
-        with contextlib.suppress(queue.Empty):
-            self._bell.get(timeout=max(0.0, seconds))
+        with contextlib.suppress(RuntimeError):  # rung already
+            self._bell.release()
 
     def _write(self, entries: list[Entry], start: bytes = b"") -> None:
         """Append records with one system call; all of them count, or none."""
@@ -397,7 +397,7 @@ class RecordLog:
         state, advice = ("is full", "free some space") if full else ("fails", "check the disk")
         self._fail(
             f"The disk of {self.path} {state} ({problem.strerror}); the recording stopped after "
-            f"{self.sequence} records, {kept}; {advice} and continue it.",
+            f"{self.sequence} records, {kept}; {advice} before you go on.",
             "disk_full" if full else "storage_failed",
         )
 
@@ -406,15 +406,17 @@ class RecordLog:
             if self._error is not None:
                 return
             self._end_reason = end_reason
+            self._enough = 0  # so that what is handed in from now on is looked at twice
             error = self._error = StorageError(sentence)
         if self._on_error is not None:
             self._on_error(error)
 
     def _finish(self) -> None:
-        # After a failure too: cutting the file back often leaves room for one small record.
+        # After a failure too: cutting the file back often leaves room for something small.
         problem = self._commit(self._last())
         if problem is not None:
             self._fail_on(problem)
+            self._commit(self._last()[-1:])  # the end itself, without what describes
         self._stop_sync.set()
         self._syncer.join()
         self._sync()

@@ -1,6 +1,7 @@
 """Full, failing, slow and untrue disks: what was acknowledged stays, and the rest is counted."""
 
 import errno
+import os
 
 import pytest
 from failing_storage import (
@@ -22,6 +23,7 @@ from imu_rig.clock import SteppedClock
 from imu_rig.errors import StorageError
 from imu_rig.recording import RecordingOptions, TrialWriter, open_trial
 from imu_rig.recording.format import RECORD_OVERHEAD
+from imu_rig.recording.storage import OsFileSystem
 
 WRITES = 200
 
@@ -38,7 +40,7 @@ def create(path, file_system, *, on_error=None, **options):
 
 @pytest.mark.parametrize(
     ("lasting", "uncut", "step"),
-    [(False, False, 1), (True, False, 9), (False, True, 9), (True, True, 40)],
+    [(False, False, 5), (True, False, 19), (False, True, 19), (True, True, 40)],
     ids=["once", "for good", "not cut back", "not cut back, for good"],
 )
 @pytest.mark.parametrize("problem", PROBLEMS)
@@ -259,3 +261,30 @@ def test_a_recording_that_cannot_fit_does_not_start(tmp_path):
         TrialWriter.append(
             path, clock=SteppedClock(), options=RecordingOptions(file_system=SmallFileSystem())
         )
+
+
+class NearlyFullFileSystem(OsFileSystem):
+    """A disk with room for ``room`` more bytes once it is ``filling``."""
+
+    filling = False
+    room = 400
+
+    def write(self, descriptor, data):
+        if not self.filling:
+            return super().write(descriptor, data)
+        if len(data) > self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self.room -= len(data)
+        return super().write(descriptor, data)
+
+
+def test_a_full_disk_with_a_little_room_still_gets_the_end(tmp_path):
+    disk = NearlyFullFileSystem()
+    path = tmp_path / "walk.imu-trial"
+    writer = create(path, disk)
+    source = writer.add_source(SOURCE, "x" * 600, DESCRIPTOR)  # describing it takes more than that
+    assert writer.flush()
+    disk.filling = True
+    writer.bytes_in(source, 0, bytes(1000))
+    writer.close()
+    assert open_trial(path).ended == "disk_full"
