@@ -48,6 +48,7 @@ def replaying(*arguments: object, stdin: int | None = None):
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        bufsize=0,  # so that what is left after a line is left for `communicate`
     )
     try:
         yield process
