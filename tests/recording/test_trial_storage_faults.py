@@ -95,7 +95,7 @@ def test_a_disk_that_fails_at_once_leaves_no_file(tmp_path):
 
 def test_a_failing_disk_is_raised_at_the_end_of_a_with_block(tmp_path):
     trial = create(tmp_path / "x.imu-trial", FailingFileSystem(2))
-    with pytest.raises(StorageError, match=r"is full .* continue it"), trial:
+    with pytest.raises(StorageError, match=r"is full .* before you go on"), trial:
         trial.event("lost")
 
 
