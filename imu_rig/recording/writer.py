@@ -446,9 +446,14 @@ class TrialWriter:
             self._log.put((kind, source, time_ns, payload), reserve=True)
 
     def _wire(self, kind: int, source: int, t_ns: int, data: bytes) -> None:
-        entry = (kind, source, int(t_ns) - self._origin_ns, bytes(data))
+        # The shortest way there is: this runs for every packet, most often with cold caches.
+        if type(data) is not bytes:
+            data = bytes(data)
+        if type(t_ns) is not int:
+            t_ns = int(t_ns)
+        entry = (kind, source, t_ns - self._origin_ns, data)
         with self._lock:
-            if self._gaps or not 0 < len(entry[3]) <= MAX_PAYLOAD or self._closed:
+            if self._gaps or not 0 < len(data) <= MAX_PAYLOAD or self._closed:
                 self._put_pieces(entry)
             elif not self._log.put(entry):
                 self._count_lost(entry)

@@ -26,9 +26,9 @@ from imu_rig.recording.format import HEADER_SIZE, MAGIC, FileHeader, encode_reco
 from imu_rig.recording.repair import repair_trial
 
 PAGE = 4096
-CUT_BYTES = int(os.environ.get("IMU_RIG_CUT_BYTES", PAGE))
-FLIPS = int(os.environ.get("IMU_RIG_FLIPS", "1000"))
-ROWS = 200 + (CUT_BYTES - PAGE) // 50
+CUT_BYTES = int(os.environ.get("IMU_RIG_CUT_BYTES", "1000"))
+FLIPS = int(os.environ.get("IMU_RIG_FLIPS", "300"))
+ROWS = 200 + max(0, CUT_BYTES - PAGE) // 50
 
 
 @pytest.fixture(scope="module")

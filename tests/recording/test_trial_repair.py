@@ -271,7 +271,7 @@ def test_a_full_disk_leaves_nothing_behind(path, sound, monkeypatch):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda path: None, "No such file"),
+        (lambda path: None, "there is no such file"),
         (Path.mkdir, "is a folder"),
         (os.mkfifo, "is a pipe or a device"),
         (lambda path: path.write_bytes(b""), "is empty"),
