@@ -182,16 +182,22 @@ class DeviceTime:
         """Tell which packets are ahead of all before them by more than any clock errs."""
         if self._anchor is None or not np.isfinite(self._max_skew):
             return np.zeros(len(steps), dtype=bool)
-        advance = np.where(plausible, steps * self._tick_s, 0.0)
-        excess = np.where(plausible, advance - differences(host_s, self._anchor.host_s), 0.0)
-        ahead = self._ahead_s + np.cumsum(excess)
-        most = np.maximum.accumulate(
-            np.concatenate(([self._most_s], ahead + self._max_skew * host_s))
-        )
-        least = LEAP_S + 2.0 * self._max_skew * advance
-        leaps: npt.NDArray[np.bool_] = (excess > least) & (
-            ahead + self._max_skew * host_s - most[:-1] > least
-        )
+        advance = steps * self._tick_s
+        excess = advance - differences(host_s, self._anchor.host_s)
+        if not plausible.all():
+            advance[~plausible] = excess[~plausible] = 0.0
+        ahead = np.cumsum(excess)
+        ahead += self._ahead_s
+        most = np.empty(len(ahead) + 1)
+        most[0], most[1:] = self._most_s, host_s
+        most[1:] *= self._max_skew
+        most[1:] += ahead
+        leaps: npt.NDArray[np.bool_] = excess > LEAP_S
+        if leaps.any():
+            least = LEAP_S + 2.0 * self._max_skew * advance
+            before = np.maximum.accumulate(most)[:-1]
+            leaps &= (excess > least) & (most[1:] - before > least)
+        most = np.maximum.accumulate(most)
         # the last is handed in again if it is held
         settled = len(steps) - int(leaps[-1] or not plausible[-1])
         if settled:

@@ -15,7 +15,7 @@ import numpy as np
 
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
 from imu_rig.timing.clock_fit import MAX_SKEW
-from imu_rig.timing.counters import Unwrapper, differences
+from imu_rig.timing.counters import Unwrapper, differences, remainder
 from imu_rig.timing.device_time import DeviceTime
 
 TimeSource = Literal["device clock", "packet counter", "arrival"]
@@ -227,7 +227,9 @@ class SampleOrder:
             return None
         period_s = self._index_period_s
         if self.time_source == "device clock":
-            self._follow_period(apart, differences(counts, counts[0]) % self._counter.modulus)
+            steps = differences(counts, counts[0])
+            remainder(steps, self._counter.modulus)
+            self._follow_period(apart, steps)
             period_s = self._period_s or np.inf
         before = self._counter.last
         starts = [0, *(np.flatnonzero(np.isnan(apart[1:])) + 1).tolist(), len(apart)]
@@ -236,7 +238,7 @@ class SampleOrder:
             if np.isnan(apart[start]):
                 self._counter.restart()
             parts.append(self._counter.feed(counts[start:stop], apart[start:stop] / period_s))
-        numbers = np.concatenate(parts)
+        numbers = np.concatenate(parts) if len(parts) > 1 else parts[0]
         self._lost += _missing(differences(numbers, numbers[0] if before is None else before))
         return numbers
 
@@ -254,4 +256,5 @@ class SampleOrder:
 
 def _missing(steps: AnyArray) -> int:
     """Sum up what lies between samples, given their distances; NaN is a new beginning."""
-    return int(np.nansum(np.maximum(steps - 1, 0)))
+    missing = np.fmax(steps - 1, 0)
+    return int(missing.sum())
