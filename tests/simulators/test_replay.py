@@ -2,7 +2,6 @@
 
 import math
 import os
-import select
 import threading
 import time
 from pathlib import Path
@@ -45,10 +44,11 @@ def read_all(port: Port) -> bytes:
     pytest.fail("the port stayed")
 
 
-def read_now(port: Port) -> bytes:
-    """Read what is there."""
+def read_now(port: Port, count: int = 0) -> bytes:
+    """Read so many bytes, which a busy machine may hand over late, and what else is there."""
     data = bytearray()
-    while piece := port.read(0.02):
+    deadline = time.monotonic() + PATIENCE_S
+    while (piece := port.read(0.02)) or (len(data) < count and time.monotonic() < deadline):
         data += piece
     return bytes(data)
 
@@ -107,7 +107,7 @@ def test_nothing_is_sent_before_every_port_has_a_client(transport):
 
 
 def test_without_waiting_bytes_that_nobody_reads_are_lost_and_counted():
-    chunks = script((0, b"nobody"), (400 * MS, b"somebody"))
+    chunks = script((0, b"nobody"), (NS_PER_S, b"somebody"))
     with Replay(["a"], chunks, wait=False) as replay:
         until(lambda: replay.status.lost["a"])
         port = open_port(replay.url("a"))
@@ -121,15 +121,15 @@ def test_bytes_keep_the_distances_that_were_recorded():
     """Half as far at twice the speed: a client never sees bytes early."""
     apart = [(n * 100 * MS, bytes([n])) for n in range(4)]
     with Replay(["a"], script(*apart), speed=2.0) as replay:
+        begin = time.monotonic()
         port = open_port(replay.url("a"))
         arrivals = []
         while len(arrivals) < 4:
-            if port.read(0.2):
-                arrivals.append(time.monotonic())
+            arrivals += [time.monotonic()] * len(port.read(0.2))
         assert replay.wait(PATIENCE_S)
         port.close()
         late = replay.lateness_s()
-    assert arrivals[-1] - arrivals[0] > 0.13
+    assert all(t - begin > n * 0.05 for n, t in enumerate(arrivals))
     assert len(late) == 4
     assert min(late) >= 0
 
@@ -145,16 +145,16 @@ def test_steps_send_what_is_due_and_nothing_more(transport):
         port = open_port(replay.url("a"))
         assert replay.wait_for_clients(PATIENCE_S)
         assert replay.step_to_next() == 0.0
-        assert read_now(port) == b"a"
+        assert read_now(port, 1) == b"a"
         replay.step(0.999_999_999)
         assert read_now(port) == b""
         assert replay.step_to_next() == pytest.approx(1e-9)
-        assert read_now(port) == b"bc"
+        assert read_now(port, 2) == b"bc"
         replay.step(1.0)
         assert read_now(port) == b""
         assert replay.status.t_s == 2.0
         assert replay.step_to_next() == 1.0
-        assert read_now(port) == b"d"
+        assert read_now(port, 1) == b"d"
         assert replay.step_to_next() == 1.0  # the end
         assert replay.step_to_next() is None
         until(lambda: replay.step(0) or replay.status.state == "ended")
@@ -385,15 +385,12 @@ def test_a_stepped_replay_answers_at_the_next_look():
         replay.step(2.9)
         port.write(b"\x90\x00")
         until(lambda: replay.step(0) or replay.received("m"))
-        assert read_now(port) == b"\x20\x27"
+        assert read_now(port, 2) == b"\x20\x27"
         port.close()
 
 
-def test_many_sources_cost_little_while_they_are_silent():
+def test_as_many_sources_as_a_trial_holds_are_served_by_one_thread():
     names = [str(n) for n in range(255)]
     with Replay(names, [(10 * NS_PER_S, "", "end", b"")], wait=False) as replay:
-        before = time.thread_time()
-        assert len(set(replay.ports().values())) == 255
-        select.select([], [], [], 0.05)
-        assert time.thread_time() - before < 0.05
-        assert threading.active_count() < 20
+        assert len({os.path.realpath(url) for url in replay.ports().values()}) == 255
+        assert sum(thread.name == "replay" for thread in threading.enumerate()) == 1
