@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from imu_rig.recording.reader import open_trial
+from imu_rig.clock import SteppedClock
+from imu_rig.recording import TrialWriter, open_trial
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden-devices-v1.imu-trial"
 
@@ -59,3 +60,25 @@ def test_the_original_is_refused_as_the_new_file(inside, damaged):
     result = inside("repair", damaged, "-o", damaged, code=2)
     assert "never altered" in result.stderr
     assert damaged.read_bytes() == before
+
+
+def test_info_tells_of_the_damage_and_of_the_way_out(inside, damaged):
+    text = inside("info", damaged).stdout
+    assert "no end record" in text
+    assert "1 record lost" in text
+    assert f"imu-rig repair {damaged} saves what is sound" in text
+    damage = json.loads(inside("info", damaged, "--json").stdout)["damage"]
+    assert (damage["records lost"], damage["bytes of a torn end"]) == (1, 9)
+    inside("repair", damaged, "--quiet")
+    text = inside("info", damaged.with_name("walk.repaired.imu-trial")).stdout
+    assert "imu-rig repair" not in text
+    assert "interrupted" in text
+
+
+def test_what_is_still_being_recorded_is_not_called_cut_off(inside, tmp_path):
+    path = tmp_path / "walk.imu-trial"
+    with TrialWriter.create(path, {"kind": "trial"}, clock=SteppedClock()) as trial:
+        trial.flush()
+        assert "it is being recorded" in inside("info", path).stdout
+        assert "written by another program" in inside("repair", path, code=2).stderr
+    assert "complete" in inside("info", path).stdout
