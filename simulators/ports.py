@@ -265,11 +265,11 @@ class TcpPort(SimulatedPort):
         self._server = server
 
     def unplug(self) -> None:
-        """Close the connection and refuse new ones."""
-        self._hang_up()
+        """Refuse new connections and close the one there is; a client may try again at once."""
         if self._server is not None:
             self._server.close()
             self._server = None
+        self._hang_up()
 
     def descriptors(self) -> list[int]:
         """Return the server's socket and the client's."""
