@@ -278,7 +278,7 @@ class PacketStream:
 
 def assemble_packets(
     layout: PacketLayout,
-    data: bytes,
+    data: bytes | memoryview,
     stops: IntArray,
     arrival_s: FloatArray,
     breaks: BoolArray | None = None,
@@ -288,7 +288,7 @@ def assemble_packets(
     Parameters
     ----------
     layout : PacketLayout
-    data : bytes
+    data : bytes or memoryview of bytes
         Everything the port delivered.
     stops : shape (m,)
         Offset in ``data`` just past each piece as it was read.
@@ -326,7 +326,7 @@ def assemble_packets(
 
 def _decode_recording(
     decoder: StreamDecoder,
-    data: bytes,
+    data: bytes | memoryview,
     stops: IntArray,
     arrival_s: FloatArray,
     breaks: BoolArray | None,

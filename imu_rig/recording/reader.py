@@ -224,18 +224,9 @@ class Trial:
         InputError
             If the trial has no such source.
         """
-        number = self.source(name).id
-        records = self.records
-        rows = np.flatnonzero((records.kind == _WIRE_KIND[direction]) & (records.source == number))
-        lengths = records.length[rows].astype(np.int64)
-        stops = np.cumsum(lengths)
-        places = stops - lengths
-        data = np.empty(int(stops[-1]) if len(stops) else 0, np.uint8)
-        for chosen, piece, starts in self._pieces(rows):
-            _place(piece, starts, lengths[chosen], data, places[chosen])
-        return Wire(
-            data.tobytes(), records.time_ns[rows] / NS_PER_S, stops, self._breaks(rows, number)
-        )
+        rows, stops, data = self._bytes(name, direction)
+        t = self.records.time_ns[rows] / NS_PER_S
+        return Wire(data.tobytes(), t, stops, self._breaks(rows, self.source(name).id))
 
     def imu(self, name: str, *, calibrated: bool = False) -> ImuBlock:
         """Return the samples of an inertial sensor; times are trial time.
@@ -349,12 +340,26 @@ class Trial:
         """Decode a source; the last one asked for is kept, for its samples are asked in turns."""
         if self._decoded is None or self._decoded[0] != name:
             layout = self._layout(name)
-            wire = self.wire(name)
+            rows, stops, data = self._bytes(name, "in")
             # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
-            arrival_s = np.maximum.accumulate(wire.t)
-            packets = assemble_packets(layout, wire.data, wire.stops, arrival_s, wire.breaks)
+            arrival_s = np.maximum.accumulate(self.records.time_ns[rows] / NS_PER_S)
+            breaks = self._breaks(rows, self.source(name).id)
+            packets = assemble_packets(layout, data.data, stops, arrival_s, breaks)
             self._decoded = name, layout, packets
         return self._decoded[1:]
+
+    def _bytes(self, name: str, direction: Direction) -> tuple[IntArray, IntArray, ByteArray]:
+        """Return the rows of a source's records, where each stops in its bytes, and the bytes."""
+        number = self.source(name).id
+        records = self.records
+        rows = np.flatnonzero((records.kind == _WIRE_KIND[direction]) & (records.source == number))
+        lengths = records.length[rows].astype(np.int64)
+        stops = np.cumsum(lengths)
+        places = stops - lengths
+        data = np.empty(int(stops[-1]) if len(stops) else 0, np.uint8)
+        for chosen, piece, starts in self._pieces(rows):
+            _place(piece, starts, lengths[chosen], data, places[chosen])
+        return rows, stops, data
 
     def _layout(self, name: str) -> PacketLayout:
         layout = self.source(name).descriptor.get("layout")
