@@ -124,8 +124,8 @@ def test_a_silent_device_keeps_its_port_and_counts_on(devices):
 
 def test_garbage_holds_no_packets_and_ends(devices):
     url = devices.add("shoe", IMU, 400.0)
+    devices.garbage("shoe", True)
     with Listener(url, IMU) as client:
-        devices.garbage("shoe", True)
         client.until(lambda: client.decoder.stats.skipped_bytes > 1000)
         assert len(client.rows) == devices.sent("shoe") == 0
         devices.garbage("shoe", False)
