@@ -37,13 +37,18 @@ both_transports = pytest.mark.parametrize("transport", ["pty", "tcp"])
 
 
 class Listener:
-    """Reads a port and decodes what comes."""
+    """Reads a port and decodes what comes, from the first packet on.
 
-    def __init__(self, url: str, layout: PacketLayout) -> None:
+    Whoever opens a serial port throws away what came before; so the device is silent till then.
+    """
+
+    def __init__(self, devices: ServedDevices, name: str, url: str, layout: PacketLayout) -> None:
         self.layout = layout
         self.decoder = StreamDecoder(layout)
         self.rows = np.empty(0, layout.dtype)
+        devices.silence(name, True)
         self.port = serial.serial_for_url(url, timeout=0.02)
+        devices.silence(name, False)
 
     def __enter__(self) -> "Listener":
         return self
@@ -69,7 +74,7 @@ def decoded(layout: PacketLayout, data: bytes) -> np.ndarray:
 @both_transports
 def test_everything_sent_arrives_and_is_counted(devices):
     url = devices.add("left shoe", IMU, 400.0)
-    with Listener(url, IMU) as client:
+    with Listener(devices, "left shoe", url, IMU) as client:
         client.hear(40)
         devices.silence("left shoe")
         client.until(lambda: len(client.rows) == devices.sent("left shoe"))
@@ -91,7 +96,7 @@ def test_nobody_connected_is_nothing_sent(devices):
 @both_transports
 def test_an_unplugged_device_counts_on_and_comes_back_under_the_same_name(devices):
     url = devices.add("shoe", IMU, 400.0)
-    with Listener(url, IMU) as client:
+    with Listener(devices, "shoe", url, IMU) as client:
         client.hear(10)
         devices.unplug("shoe")
         with pytest.raises(OSError):  # noqa: PT011  (each kind of port has its own text)
@@ -100,7 +105,7 @@ def test_an_unplugged_device_counts_on_and_comes_back_under_the_same_name(device
         serial.serial_for_url(url, timeout=0.02)
     time.sleep(0.1)
     devices.plug("shoe")
-    with Listener(url, IMU) as client:
+    with Listener(devices, "shoe", url, IMU) as client:
         client.hear(10)
         runs = devices.counters("shoe")
         assert len(runs) == 2
@@ -110,7 +115,7 @@ def test_an_unplugged_device_counts_on_and_comes_back_under_the_same_name(device
 
 def test_a_silent_device_keeps_its_port_and_counts_on(devices):
     url = devices.add("shoe", IMU, 400.0)
-    with Listener(url, IMU) as client:
+    with Listener(devices, "shoe", url, IMU) as client:
         client.hear(10)
         devices.silence("shoe", True)
         time.sleep(0.1)
@@ -125,7 +130,7 @@ def test_a_silent_device_keeps_its_port_and_counts_on(devices):
 def test_garbage_holds_no_packets_and_ends(devices):
     url = devices.add("shoe", IMU, 400.0)
     devices.garbage("shoe", True)
-    with Listener(url, IMU) as client:
+    with Listener(devices, "shoe", url, IMU) as client:
         client.until(lambda: client.decoder.stats.skipped_bytes > 1000)
         assert len(client.rows) == devices.sent("shoe") == 0
         devices.garbage("shoe", False)
@@ -134,7 +139,7 @@ def test_garbage_holds_no_packets_and_ends(devices):
 
 def test_a_restarted_device_begins_at_zero(devices):
     url = devices.add("baro", BARO, 200.0)
-    with Listener(url, BARO) as client:
+    with Listener(devices, "baro", url, BARO) as client:
         client.hear(10)
         devices.restart("baro")
         client.hear(30)
@@ -148,7 +153,7 @@ def test_a_restarted_device_begins_at_zero(devices):
 def test_bursts_hold_packets_back_and_lose_none(devices):
     url = devices.add("shoe", IMU, 400.0, burst_s=0.1)
     arrivals = []
-    with Listener(url, IMU) as client:
+    with Listener(devices, "shoe", url, IMU) as client:
 
         def arrived() -> bool:
             if not arrivals or arrivals[-1] != len(client.rows):
@@ -163,9 +168,9 @@ def test_bursts_hold_packets_back_and_lose_none(devices):
 def test_a_scaled_clock_makes_packets_in_its_time():
     clock = ScaledClock(20.0)
     with ServedDevices(clock) as devices:
-        url = devices.add("baro", BARO)
         start_ns = clock.now_ns()
-        with Listener(url, BARO) as client:
+        url = devices.add("baro", BARO)
+        with Listener(devices, "baro", url, BARO) as client:
             client.hear(200)
             made = devices.counters("baro")[0][1] + 1
             assert made <= (clock.now_ns() - start_ns) / 1e9 * 50 + 1
@@ -176,7 +181,10 @@ def test_the_clock_runs_fast_by_its_skew():
     clock = ScaledClock(1.0)
     with ServedDevices(clock) as devices:
         usual, fast = (devices.add(n, IMU, 400.0, skew_ppm=s) for n, s in (("a", 0), ("b", 2e5)))
-        with Listener(usual, IMU) as first, Listener(fast, IMU) as second:
+        with (
+            Listener(devices, "a", usual, IMU) as first,
+            Listener(devices, "b", fast, IMU) as second,
+        ):
             first.hear(200)
             second.hear(20)
             made = {n: devices.counters(n)[-1][1] for n in ("a", "b")}
