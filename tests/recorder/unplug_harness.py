@@ -36,6 +36,11 @@ LONGEST_CALM_S = 0.6  # between two unpluggings
 LONGEST_ABSENCE_S = 1.5
 
 
+# What the program ends with 1 beyond.
+MOST_NOTICED_S = 1.0
+MOST_LIVE_AGAIN_S = 2.0
+
+
 @dataclass
 class UnplugFigures:
     """What became of the unpluggings."""
@@ -203,7 +208,14 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         figures = run(arguments.times, Path(folder), arguments.seed, transport=arguments.transport)
     print(json.dumps(asdict(figures)))
-    return 1 if figures.problems or figures.missing_elsewhere else 0
+    missed = (
+        figures.problems
+        or figures.missing_elsewhere
+        or figures.gaps_without_counters
+        or figures.noticed_worst_s > MOST_NOTICED_S
+        or figures.live_again_worst_s > MOST_LIVE_AGAIN_S
+    )
+    return 1 if missed else 0
 
 
 if __name__ == "__main__":
