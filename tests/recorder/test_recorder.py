@@ -1,6 +1,7 @@
 """A whole recording against simulated devices on real ports, with what can happen to it."""
 
 import errno
+import re
 import threading
 import time
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from simulators.served_devices import ServedDevices
 
 LAYOUT = load_layout("mpu9150-28")
 PATIENCE_S = 20.0
+MOST_AT_THE_ENDS = 100  # packets, half a second
 CLOCK = SystemClock()
 
 
@@ -91,15 +93,17 @@ def all_live(running):
 
 
 def assert_nothing_lost(served, path, name):
-    """See that a file holds what a device handed out, but for the last moment before the end.
+    """See that a file holds what a device handed out, but for the first and the last moment.
 
-    And for the first, for opening a port throws away what came before.
+    Opening a port throws away what came before, and what comes while it is closed nobody reads;
+    how much that is depends on the machine. Between them nothing may be missing.
     """
     counter = open_trial(path).imu(name).counter
     [(first, last)] = served.counters(name)
     assert np.all(np.diff(counter) == 1)
-    assert (early := int(counter[0] - first) % 256) < 20
-    assert 0 <= last - first + 1 - early - len(counter) < 20
+    early = int(counter[0] - first) % 256
+    assert early < MOST_AT_THE_ENDS
+    assert 0 <= last - first + 1 - early - len(counter) < MOST_AT_THE_ENDS
 
 
 def setup_of(served, names, rate_hz=200.0, **more):
@@ -172,8 +176,9 @@ def test_a_device_that_falls_silent_or_talks_nonsense_is_told_apart(tmp_path):
         served.garbage("right", True)
         wait_until(lambda: running.device("left").state == "silent")
         wait_until(lambda: running.device("right").state == "garbled")
-        assert "sends nothing" in running.device("left").problem
-        assert "without any packet" in running.device("right").problem
+        # sound packets of the last two seconds are told of, where there are any
+        assert re.search("sends nothing|has fallen silent", running.device("left").problem)
+        assert re.search("without any packet|damaged ones", running.device("right").problem)
         served.silence("left", False)
         served.garbage("right", False)
         wait_until(lambda: all_live(running))
@@ -188,8 +193,7 @@ def test_a_device_that_falls_silent_or_talks_nonsense_is_told_apart(tmp_path):
 def test_a_device_that_starts_anew_is_not_mistaken_for_one_that_went_on(tmp_path):
     path = tmp_path / "walk.imu-trial"
     with ServedDevices(CLOCK) as served, recording(setup_of(served, ["left"]), path) as running:
-        wait_until(lambda: all_live(running))
-        time.sleep(0.5)
+        wait_until(lambda: running.statuses and running.device("left").packets > 100)
         served.unplug("left")
         wait_until(lambda: running.device("left").state == "lost")
         served.restart("left")
@@ -283,7 +287,7 @@ def test_the_jig_is_recorded_and_parked_at_the_end(tmp_path):
         maestro = open_port(rig.maestro_url)
         # channel 0 to 1600 us: somebody has moved the pan axis
         maestro.write(bytes((0x84, 0, 6400 & 0x7F, 6400 >> 7)))
-        time.sleep(0.2)
+        wait_until(lambda: rig.state().pulses_us["pan"] == 1600.0)
         maestro.close()
         setup = TrialSetup(
             devices=(DeviceSetup(name="imu", port=rig.imu_url),),
