@@ -2,95 +2,45 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
 from typing import TYPE_CHECKING
 
+from imu_rig.cli.view import View, bar
+from imu_rig.cli.words import clock
 from imu_rig.session.progress import Progress
-from imu_rig.stopping import StopRequest
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import RenderableType
 
-REFRESH_S = 0.15
-LAST_WORDS_S = 1.0  # for a terminal to take what is left to say
-MOST_SENTENCES = 200
-PLAIN_LINE_S = 5.0  # between lines where stderr is no terminal
-BAR_WIDTH = 30
+PLAIN_LINE_S = 5.0  # at least, between lines where stderr is no terminal
 
 
-class SessionView:
-    """Shows a session from a thread of its own; a context manager.
-
-    Whoever observes only leaves the latest word here, so that a terminal which does not take its
-    text never holds up the jig. On a terminal a small table is redrawn in place a few times a
-    second; otherwise a line is written now and then. Notices stay on the screen in either case.
-    """
+class SessionView(View):
+    """Shows a session; see `View`."""
 
     def __init__(self, *, quiet: bool = False) -> None:
-        self._quiet = quiet
+        super().__init__(quiet=quiet)
         self._progress = Progress()
-        self._sentences: deque[str] = deque(maxlen=MOST_SENTENCES)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._show, name="session-view", daemon=True)
-
-    def __enter__(self) -> SessionView:
-        if not self._quiet:
-            self._thread.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._ended.set()
-        if not self._quiet:
-            self._thread.join(timeout=LAST_WORDS_S)
-
-    def notify(self, sentence: str) -> None:
-        """Show a sentence that stays; also from a signal handler."""
-        self._sentences.append(sentence)
+        self._told = 0
 
     def observe(self, progress: Progress) -> None:
-        """Show progress, at most a few times a second."""
+        """Take the latest progress."""
         self._progress = progress
 
-    def _show(self) -> None:
-        from rich.console import Console
-        from rich.live import Live
+    def screen(self, width: int, height: int) -> RenderableType:
+        """Draw where the session is."""
+        del width, height
+        return _table(self._progress)
 
-        console = Console(stderr=True, highlight=False)
-        try:
-            if console.is_terminal:
-                with Live(console=console, auto_refresh=False, transient=True) as live:
-                    while self._wait(console):
-                        live.update(_table(self._progress), refresh=True)
-            else:
-                self._write_lines(console)
-        except (OSError, ValueError):  # nobody reads any more; the session goes on unseen
-            return
-
-    def _wait(self, console: Console) -> bool:
-        """Wait for the next refresh and print what must stay; False at the end."""
-        going = not self._ended.wait(REFRESH_S)
-        while self._sentences:
-            console.print(self._sentences.popleft(), markup=False)
-        return going
-
-    def _write_lines(self, console: Console) -> None:
-        told, line_s = 0, 0.0
-        while self._wait(console):
-            progress, now = self._progress, time.monotonic()
-            if progress.step > told and now - line_s > PLAIN_LINE_S:
-                told, line_s = progress.step, now
-                console.print(
-                    f"pose {progress.step} of {progress.steps} ({progress.name}), "
-                    f"{_clock(progress.remaining_s)} left",
-                    markup=False,
-                    soft_wrap=True,
-                )
+    def log_lines(self, since_s: float) -> list[str]:
+        """Tell of a new pose, but not of each where they follow each other fast."""
+        progress = self._progress
+        if progress.step <= self._told or since_s <= PLAIN_LINE_S:
+            return []
+        self._told = progress.step
+        return [
+            f"pose {progress.step} of {progress.steps} ({progress.name}), "
+            f"{clock(progress.remaining_s)} left"
+        ]
 
 
 def _table(progress: Progress) -> RenderableType:
@@ -101,13 +51,14 @@ def _table(progress: Progress) -> RenderableType:
     if progress.steps:
         part = min(1.0, progress.held_s / progress.hold_s) if progress.hold_s else 0.0
         done = min(1.0, max(0.0, (progress.step - 1 + part) / progress.steps))
-    bar = "━" * round(done * BAR_WIDTH)
+    gone, left = bar(done)
     still = "still" if progress.motion < 1 else "moving"
     table = Table.grid(padding=(0, 2))
     table.add_column(justify="right", style="dim")
     table.add_column(no_wrap=True)
     table.add_row(
-        "session", Text.assemble((bar.ljust(BAR_WIDTH, "╌"), "cyan"), f" {done * 100:3.0f} %")
+        "session",
+        Text.assemble((gone, "cyan"), (left, "dim cyan"), f" {done * 100:3.0f} %"),
     )
     if progress.step:
         kind = "check" if progress.kind == "check" else "pose"
@@ -127,37 +78,5 @@ def _table(progress: Progress) -> RenderableType:
             (f"{progress.lost} lost   {progress.corrupt} corrupt", trouble),
         ),
     )
-    table.add_row(
-        "time", f"{_clock(progress.elapsed_s)} gone   {_clock(progress.remaining_s)} left"
-    )
+    table.add_row("time", f"{clock(progress.elapsed_s)} gone   {clock(progress.remaining_s)} left")
     return table
-
-
-def _clock(seconds: float) -> str:
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
-
-
-@contextmanager
-def stop_on_signals(
-    stop: StopRequest,
-    notify: Callable[[str], None] = lambda sentence: None,
-    stopping: str = "Stopping: the jig parks and the file is closed; once more to hurry.",
-) -> Iterator[None]:
-    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs.
-
-    ``stopping`` is said at the first.
-    """
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        del frame
-        if stop.cause is None:
-            notify(stopping)
-        stop.make(f"Stopped by {signal.Signals(number).name}.")
-
-    names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
-    before = {n: signal.signal(getattr(signal, n), handle) for n in names}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import os
 import sys
@@ -102,8 +103,9 @@ def record(
     quiet: Quiet = False,
 ) -> None:
     """Record any number of devices until Ctrl-C, q or the planned duration."""
+    from imu_rig.cli.record_json import result_json
     from imu_rig.cli.record_setup import Options, setup_from
-    from imu_rig.cli.record_summary import exit_code, result_json, shortfalls, summary_lines
+    from imu_rig.cli.record_summary import exit_code, shortfalls, summary_lines
 
     if wait is not None and not (math.isfinite(wait) and wait >= 0):
         raise InputError(f"--wait {wait} is no number of seconds to wait.")
@@ -136,10 +138,11 @@ def record(
         outcome, stop = _record(plan, output, wait_s=wait, quiet=quiet, as_json=as_json)
     short = shortfalls(outcome, max_loss / 100.0)
     code = exit_code(outcome, short)
-    # whoever ends programs by these does not wait for figures
-    hurried = stop.cause is not None and any(n in stop.cause for n in ("SIGTERM", "SIGHUP"))
-    lines = [result_json(outcome, short)] if as_json else summary_lines(outcome, brief=hurried)
-    _say(sys.stdout, lines)
+    if as_json:
+        result = {"result": result_json(outcome, short, code)}
+        _say(sys.stdout, [json.dumps(result, allow_nan=False)])
+    else:
+        _say(sys.stdout, summary_lines(outcome, brief=stop.brief))
     _say(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
     raise typer.Exit(code)
 
@@ -149,8 +152,8 @@ def _record(
 ) -> tuple[RecordingOutcome, StopRequest]:
     """Record under the next free name; return how it ended and who asked for that."""
     from imu_rig.cli.keys import Keys
-    from imu_rig.cli.live import stop_on_signals
     from imu_rig.cli.record_view import RecordView
+    from imu_rig.cli.signals import stop_on_signals
     from imu_rig.clock import SystemClock
     from imu_rig.recorder.engine import Recorder
     from imu_rig.recorder.naming import free_paths, session_part

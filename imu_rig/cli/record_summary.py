@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import math
 import shlex
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from imu_rig.cli.record_view import clock, lost_text, size
+from imu_rig.cli.words import clock, losses, size, uncertainty
 from imu_rig.errors import INCOMPLETE_EXIT, ImuRigError, SessionInterrupted
 from imu_rig.foreign_text import one_line
 
@@ -38,8 +35,8 @@ def shortfalls(outcome: RecordingOutcome, max_loss: float) -> list[str]:
             )
         if device.packets and device.loss > max_loss:
             told.append(
-                f"{name} lost {lost_text(device)} of its packets, and {100 * max_loss:g} % are "
-                "accepted (--max-loss)."
+                f"{name} lost {losses(device.lost, device.loss)} of its packets, and "
+                f"{100 * max_loss:g} % are accepted (--max-loss)."
             )
     if outcome.unwritten_records:
         told.append(
@@ -56,20 +53,6 @@ def exit_code(outcome: RecordingOutcome, short: list[str]) -> int:
     if short:
         return INCOMPLETE_EXIT
     return SessionInterrupted.exit_code if outcome.reason == "interrupted" else 0
-
-
-def result_json(outcome: RecordingOutcome, short: list[str]) -> str:
-    """Return the last line of ``--json``."""
-    result: dict[str, Any] = {
-        **dataclasses.asdict(outcome),
-        "path": str(outcome.path),
-        "complete": not short and outcome.reason == "complete",
-        "shortfalls": short,
-        "exit_code": exit_code(outcome, short),
-    }
-    for device, values in zip(outcome.devices, result["devices"], strict=True):
-        values["loss"] = device.loss
-    return json.dumps({"result": result}, allow_nan=False)
 
 
 def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str]:
@@ -89,11 +72,10 @@ def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str
     lines.append(head + (f"{'time':>11}" if uncertainties else ""))
     for name, device in zip(names, outcome.devices, strict=True):
         rate = f"{device.rate_hz:.1f}" if device.rate_hz else "–"
-        line = (
-            f"  {name:{width}}{device.packets:>10}{rate:>8}{lost_text(device):>17}{device.gaps:>6}"
-        )
+        lost = losses(device.lost, device.loss)
+        line = f"  {name:{width}}{device.packets:>10}{rate:>8}{lost:>17}{device.gaps:>6}"
         if uncertainties:
-            line += f"{time_text(uncertainties.get(device.name)):>11}"
+            line += f"{uncertainty(uncertainties.get(device.name)):>11}"
         lines.append(line + _remark(device))
     file = shlex.quote(str(outcome.path))
     lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file} --to csv"]
@@ -121,13 +103,6 @@ def time_uncertainties(outcome: RecordingOutcome) -> dict[str, float]:
 
 def _short(name: str) -> str:
     return textwrap.shorten(one_line(name, 60), NAME_WIDTH, placeholder="…")
-
-
-def time_text(uncertainty_s: float | None) -> str:
-    """Return how well times are known, as a person reads it."""
-    if uncertainty_s is None or not math.isfinite(uncertainty_s):
-        return "–"
-    return f"± {1e3 * uncertainty_s:.2g} ms" if uncertainty_s < 0.1 else f"± {uncertainty_s:.2g} s"
 
 
 def _remark(device: DeviceStatus) -> str:

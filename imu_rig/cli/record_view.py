@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import os
 import sys
-import threading
-import time
-from collections import deque
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING
 
+from imu_rig.cli.record_json import status_json
+from imu_rig.cli.record_screen import LONGEST_SENTENCE, plain_line, screen
+from imu_rig.cli.view import View
 from imu_rig.foreign_text import one_line
-from imu_rig.recorder.status import DeviceStatus, RecorderStatus
+from imu_rig.recorder.status import RecorderStatus
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
-    from rich.table import Table
-    from rich.text import Text
+    from rich.console import RenderableType
 
-# Constants of time.
-REFRESH_S = 0.2
-LAST_WORDS_S = 0.5  # for a terminal to take what is left to say
-PLAIN_LINE_S = 10.0  # between lines where stderr is no terminal
+PLAIN_LINE_S = 10.0  # between lines where stderr is no terminal and nothing changes
 JSON_LINE_S = 1.0
-SHORT_S, VERY_SHORT_S = 1800.0, 300.0  # that the disk lasts, to be told in yellow and red
-
-MOST_SENTENCES = 200
-NARROW = 100  # columns below which words are short
-FRAME_LINES = 10  # of the screen besides devices and sentences
-FEWEST_ROWS = 4
-NAMES_IN_LINE = 3
-BAR_WIDTH = 30
-LEAST_NAME = 10
-LONGEST_SENTENCE = 400
-_SPACE = "free some space now; the recording goes on meanwhile."
-
-_STATE_STYLE = {
-    "live": "green",
-    "waiting": "yellow",
-    "garbled": "red",
-    "silent": "red",
-    "lost": "red",
-}
 
 
-class RecordView:
-    """Shows a recording from threads of its own; a context manager.
-
-    Whoever observes only leaves the latest word here, so that neither a terminal nor a program
-    that does not read ever holds up the recording.
+class RecordView(View):
+    """Shows a recording; see `View`.
 
     Parameters
     ----------
@@ -61,33 +33,13 @@ class RecordView:
     """
 
     def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
+        super().__init__(quiet=quiet)
+        if as_json:
+            self.in_thread(self._write_json)
         self._status: RecorderStatus | None = None
-        self._sentences: deque[str] = deque(maxlen=MOST_SENTENCES)
+        self._state_told = ""
         self._marker = ""
         self._keys = False
-        self._ended = threading.Event()
-        self._threads = [
-            threading.Thread(target=task, name=f"record-{name}", daemon=True)
-            for name, task, wanted in (
-                ("view", self._show, not quiet),
-                ("json", self._write_json, as_json),
-            )
-            if wanted
-        ]
-
-    def __enter__(self) -> Self:
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._ended.set()
-        for thread in self._threads:
-            thread.join(timeout=LAST_WORDS_S)
-
-    def notify(self, sentence: str) -> None:
-        """Show a sentence that stays; also from a signal handler."""
-        self._sentences.append(sentence)
 
     def observe(self, status: RecorderStatus) -> None:
         """Take the latest status."""
@@ -101,57 +53,25 @@ class RecordView:
         """Tell from now on which keys do what, where there are keys."""
         self._keys = on_terminal
 
-    def _show(self) -> None:
-        from rich.console import Console
-        from rich.live import Live
+    def screen(self, width: int, height: int) -> RenderableType | None:
+        """Draw the latest status."""
+        if self._status is None:
+            return None
+        return screen(self._status, width, height, keys=self._keys, marker=self._marker)
 
-        console = Console(stderr=True, highlight=False)
-        try:
-            if console.is_terminal:
-                with Live(
-                    console=console,
-                    auto_refresh=False,
-                    transient=True,
-                    redirect_stdout=False,
-                    redirect_stderr=False,
-                ) as live:
-                    while self._wait(console):
-                        if self._status is not None:
-                            live.update(self._screen(console, self._status), refresh=True)
-            else:
-                self._write_lines(console)
-        except (OSError, ValueError):  # nobody reads any more; the recording goes on unseen
-            return
-
-    def _screen(self, console: Console, status: RecorderStatus) -> RenderableType:
-        return screen(status, console.width, console.height, keys=self._keys, marker=self._marker)
-
-    def _wait(self, console: Console) -> bool:
-        """Wait for the next refresh and print what must stay; False at the end."""
-        going = not self._ended.wait(REFRESH_S)
-        while self._sentences:
-            console.print(
-                self._sentences.popleft(), markup=False, soft_wrap=not console.is_terminal
-            )
-        return going
-
-    def _write_lines(self, console: Console) -> None:
-        def say(line: str) -> None:
-            console.print(line, markup=False, soft_wrap=True)
-
-        line_s, state = 0.0, ""
-        while self._wait(console):
-            status, now = self._status, time.monotonic()
-            if status is None or (status.state == state and now - line_s < PLAIN_LINE_S):
-                continue
-            if not state:
-                say(f"Recording to {one_line(str(status.path), LONGEST_SENTENCE)}.")
-            line_s, state = now, status.state
-            say(plain_line(status))
+    def log_lines(self, since_s: float) -> list[str]:
+        """Tell each new state, and how it goes now and then."""
+        status = self._status
+        if status is None or (status.state == self._state_told and since_s < PLAIN_LINE_S):
+            return []
+        first = not self._state_told
+        self._state_told = status.state
+        path = one_line(str(status.path), LONGEST_SENTENCE)
+        return [*([f"Recording to {path}."] if first else []), plain_line(status)]
 
     def _write_json(self) -> None:
         try:
-            while not self._ended.wait(JSON_LINE_S):
+            while not self.ended.wait(JSON_LINE_S):
                 if self._status is not None:
                     _write_line(json.dumps({"status": status_json(self._status)}, allow_nan=False))
         except (OSError, ValueError):
@@ -166,275 +86,3 @@ def _write_line(line: str) -> None:
         sys.stdout.write(line + "\n")
         return
     os.write(descriptor, line.encode() + b"\n")
-
-
-def status_json(status: RecorderStatus) -> dict[str, Any]:
-    """Return a status as plain JSON values."""
-    values = dataclasses.asdict(status)
-    values["path"] = str(status.path)
-    for device, plain in zip(status.devices, values["devices"], strict=True):
-        plain["loss"] = device.loss
-        plain["supply"] = {name: [value, unit] for name, value, unit in device.supply}
-    return values
-
-
-def plain_line(status: RecorderStatus) -> str:
-    """Return one line for a log."""
-    live = [d for d in status.devices if d.state == "live"]
-    others = [f"{one_line(d.name, 40)} {d.state}" for d in status.devices if d.state != "live"]
-    parts = [
-        f"{clock(status.elapsed_s)} {status.state}",
-        f"{len(live)} of {len(status.devices)} live, {sum(d.rate_hz for d in live):.0f} packets/s, "
-        f"{sum(d.lost for d in status.devices)} lost",
-        size(status.file_bytes),
-    ]
-    if status.disk_free_bytes is not None:
-        parts.append(f"{size(status.disk_free_bytes)} free")
-    if others:
-        more = [] if len(others) <= NAMES_IN_LINE else [f"{len(others) - NAMES_IN_LINE} more"]
-        parts.append(", ".join([*others[:NAMES_IN_LINE], *more]))
-    return "; ".join(parts)
-
-
-def screen(
-    status: RecorderStatus, width: int, height: int, *, keys: bool = False, marker: str = ""
-) -> RenderableType:
-    """Draw a status for a terminal of ``width`` columns and ``height`` lines.
-
-    Parameters
-    ----------
-    status : RecorderStatus
-    width, height : int
-    keys : bool
-        Whether keys are listened to, and which to tell of.
-    marker : str
-        Label of the last marker.
-    """
-    from rich.console import Group
-    from rich.text import Text
-
-    room = max(FEWEST_ROWS, height - FRAME_LINES)
-    rows = min(len(status.devices), max(FEWEST_ROWS, room * 2 // 3))
-    parts: list[RenderableType] = [
-        _head(status, width),
-        _file(status, marker, width),
-        Text(),
-        _devices(status.devices, rows, width),
-    ]
-    sentences = _sentences(status, width, max(2, room - rows))
-    if sentences is not None:
-        parts += [Text(), sentences]
-    if keys:
-        words = "space: marker   letter or digit: marker of that name   q: stop"
-        parts += [Text(), Text(words, style="dim", no_wrap=True, overflow="ellipsis")]
-    return Group(*parts)
-
-
-def _head(status: RecorderStatus, width: int) -> Text:
-    from rich.text import Text
-
-    waiting = sum(d.required and d.state == "waiting" for d in status.devices)
-    words = {
-        "starting": ("STARTING", "bold yellow"),
-        "waiting": (f"WAITING for {waiting or 'required'} device{'s'[: waiting != 1]}", "bold red"),
-        "recording": ("● RECORDING", "bold green"),
-        "stopping": ("STOPPING", "bold yellow"),
-        "ended": ("ENDED", "bold"),
-    }[status.state]
-    line = Text.assemble(words, "   ", clock(status.elapsed_s), no_wrap=True, overflow="ellipsis")
-    if status.planned_s is not None:
-        done = min(1.0, status.recorded_s / status.planned_s)
-        if abs(status.elapsed_s - status.recorded_s) >= 1.0:
-            line.append(f"   with all devices {clock(status.recorded_s)}")
-        line.append(f" of {clock(status.planned_s)}  ")
-        bar = min(BAR_WIDTH, width - line.cell_len - 6)
-        gone = max(0, round(done * bar))
-        line.append("━" * gone, "cyan").append("╌" * (bar - gone), "dim cyan")
-        line.append(f" {100 * done:3.0f} %")
-    return line
-
-
-def _file(status: RecorderStatus, marker: str, width: int) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(no_wrap=True, overflow="ellipsis", max_width=width - 10)
-    path = one_line(str(status.path), 400)
-    room = width - 10
-    table.add_row("file", Text(path if len(path) <= room else f"…{path[1 - room :]}"))
-    disk = Text(size(status.file_bytes), overflow="ellipsis")
-    if status.disk_free_bytes is not None:
-        disk.append(f"   {size(status.disk_free_bytes)} free")
-    if status.disk_left_s is not None:
-        style = "red" if status.disk_left_s < VERY_SHORT_S else "yellow"
-        disk.append(
-            f", lasts {lasting(status.disk_left_s)}", style if status.disk_left_s < SHORT_S else ""
-        )
-    if status.queue >= 0.01:
-        disk.append(
-            f"   queue {100 * status.queue:.0f} % of {lasting(status.queue_s)}",
-            "red" if status.queue > 0.5 else "yellow",
-        )
-    else:
-        disk.append("   queue empty", "dim")
-    if status.unwritten_records:
-        disk.append(f"   {status.unwritten_records} not written", "bold red")
-    table.add_row("disk", disk)
-    last = f"   last: {one_line(marker, 40)}" if marker else ""
-    table.add_row("markers", Text(f"{status.markers}{last}"))
-    return table
-
-
-def _devices(devices: tuple[DeviceStatus, ...], rows: int, width: int) -> RenderableType:
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
-    supplies = any(d.supply for d in devices)
-    gap = 1 if width < NARROW else 2
-    # widths that hold the figures of a long trial, so that nothing jumps while they grow
-    columns: list[tuple[str, Literal["left", "right"], int]] = [
-        ("state", "left", 8),
-        ("Hz", "right", 7),
-        ("lost", "right", 14),
-        ("corrupt", "right", 7),
-        ("reopened", "right", 8),
-        ("supply", "right", 7),
-        ("heard", "right", 6),
-    ]
-    if not supplies:
-        columns = [column for column in columns if column[0] != "supply"]
-    for left_out in ("reopened", "corrupt", "supply", ""):
-        names = width - sum(least + gap for _, _, least in columns) - gap
-        if names >= LEAST_NAME:
-            break
-        columns = [column for column in columns if column[0] != left_out]
-    names = max(LEAST_NAME, names)
-    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column("device", no_wrap=True, overflow="ellipsis", min_width=8, max_width=names)
-    for title, justify, least in columns:
-        table.add_column(title, justify=justify, no_wrap=True, overflow="ellipsis", min_width=least)
-    shown = _chosen(devices, rows)
-    for d in shown:
-        style = _state_style(d)
-        rate = f"{d.rate_hz:.1f}" if d.rate_hz and d.state == "live" else "–"
-        heard = "never" if d.state == "waiting" and not d.packets else _age(d.age_s)
-        cells = {
-            "state": Text(d.state, style),
-            "Hz": Text(rate, "" if rate != "–" else "dim"),
-            "lost": Text(lost_text(d), "yellow" if d.lost else ""),
-            "corrupt": Text(str(d.corrupt), "yellow" if d.corrupt else ""),
-            "reopened": Text(str(d.reconnects), "yellow" if d.reconnects else ""),
-            "supply": Text(_supply(d)),
-            "heard": Text(heard, "dim" if d.state == "live" else style),
-        }
-        name = Text(one_line(d.name, 60), "" if d.state == "live" else style)
-        table.add_row(name, *(cells[title] for title, _, _ in columns))
-    rest = [d for d in devices if d not in shown]
-    if not rest:
-        return table
-    live = sum(d.state == "live" for d in rest)
-    return Group(table, Text(f"… {len(rest)} more, {live} of them live", "dim"))
-
-
-def _chosen(devices: tuple[DeviceStatus, ...], rows: int) -> list[DeviceStatus]:
-    """Devices that find room, in their order; those that are not live before all others."""
-    if len(devices) <= rows:
-        return list(devices)
-    by_need = sorted(range(len(devices)), key=lambda i: devices[i].state == "live")
-    return [devices[i] for i in sorted(by_need[: rows - 1])]
-
-
-def _state_style(device: DeviceStatus) -> str:
-    if device.state == "waiting" and device.required:
-        return "bold red"
-    return _STATE_STYLE[device.state]
-
-
-def _sentences(status: RecorderStatus, width: int, most_lines: int) -> Table | None:
-    """Say what is wrong, each in a sentence that begins with whose it is."""
-    from rich.cells import cell_len
-    from rich.table import Table
-    from rich.text import Text
-
-    told: list[tuple[str, str]] = []
-    if status.problem:
-        told.append((status.problem, "red"))
-    left_s = None if status.planned_s is None else status.planned_s - status.recorded_s
-    if status.disk_left_s is not None:
-        if left_s is not None and status.disk_left_s < left_s:
-            told.append((f"The disk will be full before the planned end: {_SPACE}", "red"))
-        elif status.disk_left_s < VERY_SHORT_S:
-            told.append((f"The disk is almost full: {_SPACE}", "red"))
-    told += [
-        (
-            d.problem if d.name in d.problem else f"{d.name}: {d.problem}",
-            "red" if d.required else "yellow",
-        )
-        for d in status.devices
-        if d.problem
-    ]
-    table = Table.grid(padding=(0, 1))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    lines = 0
-    for at, (words, style) in enumerate(told):
-        words = one_line(words, LONGEST_SENTENCE)
-        lines += 1 + cell_len(words) // (width - 8)
-        if at and lines > most_lines:
-            table.add_row("", Text(f"… and {len(told) - at} more", "dim"))
-            break
-        table.add_row(Text("!", style), Text(words, style))
-    return table if told else None
-
-
-def lost_text(device: DeviceStatus) -> str:
-    """Return how many packets were lost and how many of a hundred that is."""
-    if not device.lost:
-        return "0"
-    share = 100 * device.loss
-    return f"{device.lost} ({share:.2f} %)" if share >= 0.005 else f"{device.lost} (<0.01 %)"
-
-
-def _supply(device: DeviceStatus) -> str:
-    if not device.supply:
-        return "–"
-    _, value, unit = device.supply[0]
-    decimals = 2 if abs(value) < 10 else 0
-    return f"{value:.{decimals}f} {one_line(unit, 4)}".strip()
-
-
-def _age(seconds: float) -> str:
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"
-
-
-def clock(seconds: float) -> str:
-    """``1:05`` or ``1:02:05``."""
-    whole = int(seconds)
-    hours, minutes = whole // 3600, whole // 60 % 60
-    return (f"{hours}:{minutes:02d}" if hours else f"{minutes}") + f":{whole % 60:02d}"
-
-
-def size(count: int) -> str:
-    """Return a number of bytes as people read it."""
-    value = float(count)
-    for unit in ("B", "kB", "MB", "GB"):
-        if value < 999.5:
-            return f"{value:.{0 if unit == 'B' else 1}f} {unit}"
-        value /= 1000
-    return f"{value:.1f} TB"
-
-
-def lasting(seconds: float) -> str:
-    """Return how long something lasts, roughly."""
-    for longest, one, unit in ((120, 1, "s"), (7200, 60, "min"), (172_800, 3600, "h")):
-        if seconds < longest:
-            return f"{seconds / one:.0f} {unit}"
-    days = seconds / 86_400
-    return f"{days:.0f} days" if days < 1000 else "years"

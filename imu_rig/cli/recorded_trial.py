@@ -6,8 +6,7 @@ import math
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.cli.record_summary import time_text
-from imu_rig.cli.record_view import clock, size
+from imu_rig.cli.words import clock, losses, size, uncertainty
 from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line, wrapped
 
@@ -159,10 +158,10 @@ def _table(devices: dict[str, dict[str, Any]]) -> list[str]:
         cells = (
             str(device["packets"]),
             f"{rate:.2f}" if rate else "–",
-            f"{device['lost']} ({100 * device['loss']:.2f} %)" if device["lost"] else "0",
+            losses(device["lost"], device["loss"]),
             _count(device.get("corrupt")),
             _count(device.get("reconnects")),
-            time_text(device["time_uncertainty_s"]),
+            uncertainty(device["time_uncertainty_s"]),
         )
         lines.append(
             f"{names[name]:{width}}"

@@ -79,8 +79,8 @@ def replay(
 
     It begins when every port has been opened, and ends by taking the ports away.
     """
-    from imu_rig.cli.live import stop_on_signals
     from imu_rig.cli.sessions import warn_of_damage
+    from imu_rig.cli.signals import stop_on_signals
     from imu_rig.cli.working import Working
     from imu_rig.clock import SteppedClock, SystemClock
     from imu_rig.recording.reader import open_trial

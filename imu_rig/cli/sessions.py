@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imu_rig.cli.hands import TerminalHands
-from imu_rig.cli.live import SessionView, stop_on_signals
+from imu_rig.cli.live import SessionView
+from imu_rig.cli.signals import stop_on_signals
 from imu_rig.cli.summary import json_text, result_lines
 from imu_rig.errors import AnotherSensor, InputError, SessionStopped, reason_of
 from imu_rig.session.progress import Hands, Progress, ignore

@@ -32,7 +32,7 @@ def rig(
     """Serve a jig with a Maestro and an MPU-9150 over Bluetooth until Ctrl-C."""
     import threading
 
-    from imu_rig.cli.live import stop_on_signals
+    from imu_rig.cli.signals import stop_on_signals
     from imu_rig.clock import SystemClock
     from imu_rig.stopping import StopRequest
     from simulators.rig import RigConfig, SimulatedRig

@@ -9,7 +9,8 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text
 
-from imu_rig.cli.record_view import plain_line, screen, status_json
+from imu_rig.cli.record_json import status_json
+from imu_rig.cli.record_screen import plain_line, screen
 from imu_rig.recorder.status import DeviceStatus, RecorderStatus
 
 LEFT = DeviceStatus("left shoe", "/dev/a", "live", rate_hz=100.02, packets=4240, age_s=0.01)

@@ -1,0 +1,44 @@
+"""Signals as requests to stop."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from imu_rig.stopping import StopRequest
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+BRIEF = ("SIGTERM", "SIGHUP")
+"""Sent by who ends programs and closes terminals: nobody waits for figures."""
+
+
+@contextmanager
+def stop_on_signals(
+    stop: StopRequest,
+    notify: Callable[[str], None] = lambda sentence: None,
+    stopping: str = "Stopping: the jig parks and the file is closed; once more to hurry.",
+) -> Iterator[None]:
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs.
+
+    ``stopping`` is said at the first.
+    """
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        del frame
+        if stop.cause is None:
+            notify(stopping)
+        name = signal.Signals(number).name
+        stop.make(f"Stopped by {name}.", brief=name in BRIEF)
+
+    before = {
+        number: signal.signal(number, handle)
+        for number in (getattr(signal, name, None) for name in SIGNALS)
+        if number is not None
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
