@@ -3,9 +3,21 @@
 import threading
 import time
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def utc_of(utc_ns: int) -> datetime:
+    """Return a wall clock time [ns since 1970 UTC] to the microsecond."""
+    return _EPOCH + timedelta(microseconds=round(utc_ns / 1000))
+
+
+def utc_text(utc: datetime, timespec: str = "microseconds") -> str:
+    """Write a moment of UTC as ``2026-05-04T12:00:00.000000Z``."""
+    return utc.isoformat(timespec=timespec).replace("+00:00", "Z")
 
 
 class Clock(Protocol):

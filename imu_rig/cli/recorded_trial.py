@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 from imu_rig.cli.words import clock, losses, size, uncertainty
+from imu_rig.clock import utc_text
 from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line, wrapped
 
@@ -37,10 +37,10 @@ def recorded_facts(trial: Trial) -> dict[str, Any]:
         for name in trial.sources:
             working.now(f"Reading every packet of {one_line(name, 40)}")
             devices[name] = _device(trial, name)
-    config = trial.config
+    config, start = trial.config, trial.utc()
     return {
         **{word: text for word in WORDS if isinstance(text := config.get(word), str) and text},
-        "start_utc": utc(trial.start_utc_ns),
+        "start_utc": None if start is None else utc_text(start, "milliseconds"),
         "duration_s": trial.duration_s,
         "file_bytes": trial.path.stat().st_size,
         "recorded_by": f"imu-rig {config.get('imu_rig', '')}".strip(),
@@ -97,15 +97,6 @@ def _certificate(kept: Any) -> str | None:
         [str(device.get(key, "")) for key in ("name", "serial")] if isinstance(device, dict) else []
     )
     return " ".join(word for word in words if word) or "unnamed"
-
-
-def utc(ns: int) -> str | None:
-    """ISO 8601 of a wall clock time, or None for one that no calendar has."""
-    try:
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=ns // 1000)
-    except OverflowError:
-        return None
-    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def recorded_lines(facts: dict[str, Any]) -> list[str]:

@@ -113,7 +113,8 @@ def _tell_placing(
     output: Output,
 ) -> None:
     """Say in the file and in the notes what the grid did to the samples."""
-    begin_us = round(data.trial.start_utc_ns / 1000) + round(grid.start_s * 1e6)
+    start_ns = data.trial.start_utc_ns
+    begin_ns = None if start_ns is None else start_ns + round(grid.start_s * 1e9)
     output.notes.append(
         f"C3D has no times: samples stand on a grid of {grid.rate_hz:.6g} Hz, each point with the "
         "nearest sample in time, nothing interpolated."
@@ -124,7 +125,7 @@ def _tell_placing(
             f"are left out, {where.empty} points are NaN."
         )
     facts: dict[str, list[Any]] = {
-        "UTC_START": [iso_utc(begin_us)],
+        "UTC_START": [iso_utc(begin_ns)],
         "START_S": [grid.start_s],
         "PLACING": ["nearest sample in time on one grid; NaN where samples are missing"],
         "DEVICES": [_short(device.name) for device in devices],

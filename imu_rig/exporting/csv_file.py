@@ -45,7 +45,8 @@ def write_csv(data: TrialData, place: Place, output: Output) -> None:
         with output.open(place.of(device.key)) as file:
             columns = device.columns
             counted = ["counter"] if device.samples.counter is not None else []
-            file.write(_line(["t_s", *(c.label for c in columns), *counted, "utc"]))
+            clock = ["utc"] if device.start_utc_ns is not None else []
+            file.write(_line(["t_s", *(c.label for c in columns), *counted, *clock]))
             decimals = [decimals_of(column.values) for column in columns]
             for span in output.spans(device.name, len(device), len(device.columns)):
                 file.write(_rows(device[span], decimals))
@@ -53,7 +54,10 @@ def write_csv(data: TrialData, place: Place, output: Output) -> None:
         names = ["device", "start_s", "stop_s", "samples", "reason"]
         _write_small(output, gaps_path, names, (_gap_row(*gap) for gap in gaps))
     if data.markers:
-        _write_small(output, markers_path, ["t_s", "utc", "label"], map(_marker_row, data.markers))
+        known = data.trial.start_utc_ns is not None
+        names = ["t_s", *(["utc"] if known else []), "label"]
+        rows = (_marker_row(marker, with_utc=known) for marker in data.markers)
+        _write_small(output, markers_path, names, rows)
 
 
 def _rows(device: DeviceData, decimals: Sequence[int | None]) -> bytes:
@@ -64,7 +68,10 @@ def _rows(device: DeviceData, decimals: Sequence[int | None]) -> bytes:
         cells += [comma, number_text(column.values, places)]
     if device.samples.counter is not None:
         cells += [comma, integer_text(device.samples.counter)]
-    return joined([*cells, comma, utc_text(device.utc_us), constant("\n", count)])
+    utc_us = device.utc_us
+    if utc_us is not None:
+        cells += [comma, utc_text(utc_us)]
+    return joined([*cells, constant("\n", count)])
 
 
 def _gap_row(device: str, gap: Missing) -> list[Any]:
@@ -72,8 +79,9 @@ def _gap_row(device: str, gap: Missing) -> list[Any]:
     return [device, f"{gap.start_s:.6f}", f"{gap.stop_s:.6f}", known, gap.reason]
 
 
-def _marker_row(marker: Marked) -> list[Any]:
-    return [f"{marker.t:.6f}", iso_utc(marker.utc_us), marker.label]
+def _marker_row(marker: Marked, *, with_utc: bool) -> list[Any]:
+    clock = [iso_utc(marker.dated_ns)] if with_utc else []
+    return [f"{marker.t:.6f}", *clock, marker.label]
 
 
 def _write_small(output: Output, path: Path, names: list[str], rows: Iterable[list[Any]]) -> None:

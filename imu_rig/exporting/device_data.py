@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.calibration.certificate import Certificate, apply_certificate
+from imu_rig.clock import NS_PER_S, utc_of, utc_text
 from imu_rig.errors import InputError
 from imu_rig.exporting.names import file_names
 from imu_rig.foreign_text import one_line
@@ -25,7 +25,9 @@ FIRST_FIELDS = ("accel", "gyro", "mag", "temperature")
 INERTIAL = {"accel": "m/s2", "gyro": "rad/s", "mag": "uT"}
 ABOUT = ("kind", "subject", "session", "trial", "note", "imu_rig")
 """What the configuration of a trial says of it, as far as it is text."""
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+UNKNOWN = "unknown"
+STAND_IN_NS = 946_684_800 * NS_PER_S
+"""2000-01-01, the start of a trial without one, where a format cannot do without a date."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +68,8 @@ class DeviceData:
     calibrated : tuple of str
         Fields that a certificate was applied to.
     missing : tuple of Missing
-    start_utc_ns : int
-        Wall clock at trial time 0 [ns since 1970 UTC].
+    start_utc_ns : int or None
+        Wall clock at trial time 0 [ns since 1970 UTC]; None where nobody knows it.
     time_uncertainty_s : float
         Standard uncertainty of its times where it is worst [s]; infinite where there are none.
     time_problem : str or None
@@ -83,7 +85,7 @@ class DeviceData:
     samples: Samples
     calibrated: tuple[str, ...]
     missing: tuple[Missing, ...]
-    start_utc_ns: int
+    start_utc_ns: int | None
     time_uncertainty_s: float
     time_problem: str | None
 
@@ -132,19 +134,29 @@ class DeviceData:
         return np.rint(self.samples.t * 1e6).astype(np.int64)
 
     @property
-    def utc_us(self) -> IntArray:
+    def utc_us(self) -> IntArray | None:
         """Time of each sample [us since 1970 UTC], by the wall clock at the trial's start."""
-        return self.t_us + round(self.start_utc_ns / 1000)
+        return None if self.start_utc_ns is None else self.t_us + round(self.start_utc_ns / 1000)
 
     @property
-    def utc_ns(self) -> IntArray:
+    def dated_start_ns(self) -> int:
+        """Wall clock at trial time 0 or, where nobody knows it, `STAND_IN_NS`."""
+        return dated(self.start_utc_ns)
+
+    @property
+    def dated_us(self) -> IntArray:
+        """Time of each sample from there on [us]."""
+        return self.t_us + round(self.dated_start_ns / 1000)
+
+    @property
+    def dated_ns(self) -> IntArray:
         """The same in nanoseconds, from the time as it is."""
-        return np.rint(self.samples.t * 1e9).astype(np.int64) + self.start_utc_ns
+        return np.rint(self.samples.t * 1e9).astype(np.int64) + self.dated_start_ns
 
     @property
     def start_utc(self) -> str:
-        """Wall clock at trial time 0, ISO 8601."""
-        return iso_utc(round(self.start_utc_ns / 1000))
+        """Wall clock at trial time 0, ISO 8601, or "unknown"."""
+        return iso_utc(self.start_utc_ns)
 
     @property
     def missing_samples(self) -> int:
@@ -168,16 +180,14 @@ class Summary:
 
 @dataclass(frozen=True)
 class Marked:
-    """A moment that a person marked: trial time [s], wall clock [ns since 1970 UTC], words."""
+    """A moment that a person marked: trial time [s], wall clock [ns since 1970 UTC], words.
+
+    The wall clock at the start is `STAND_IN_NS` where nobody knows it.
+    """
 
     t: float
-    utc_ns: int
+    dated_ns: int
     label: str
-
-    @property
-    def utc_us(self) -> int:
-        """Wall clock [us since 1970 UTC]."""
-        return round(self.utc_ns / 1000)
 
 
 class TrialData:
@@ -274,7 +284,7 @@ class TrialData:
     @cached_property
     def markers(self) -> list[Marked]:
         """The moments that a person marked, in printable text."""
-        start_ns = self.trial.start_utc_ns
+        start_ns = dated(self.trial.start_utc_ns)
         return [
             Marked(mark.t, start_ns + round(mark.t * 1e9), one_line(mark.label))
             for mark in self.trial.markers
@@ -288,15 +298,19 @@ class TrialData:
         return {
             **said,
             "file": one_line(self.trial.path.name),
-            "start_utc": iso_utc(round(self.trial.start_utc_ns / 1000)),
+            "start_utc": iso_utc(self.trial.start_utc_ns),
             "ended": one_line(self.trial.ended or "cut off"),
         }
 
 
-def iso_utc(utc_us: int) -> str:
-    """Write microseconds since 1970 as ``2026-05-04T12:00:00.000000Z``."""
-    moment = EPOCH + timedelta(microseconds=utc_us)
-    return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
+def dated(start_utc_ns: int | None) -> int:
+    """Return the start of a trial [ns since 1970 UTC], or what stands in for it."""
+    return STAND_IN_NS if start_utc_ns is None else start_utc_ns
+
+
+def iso_utc(utc_ns: int | None) -> str:
+    """Write a wall clock time as ``2026-05-04T12:00:00.000000Z``, None as "unknown"."""
+    return UNKNOWN if utc_ns is None else utc_text(utc_of(utc_ns))
 
 
 def parts(values: FloatArray) -> list[str]:

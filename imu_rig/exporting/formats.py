@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from imu_rig.errors import DataError, InputError
-from imu_rig.exporting.device_data import TrialData
+from imu_rig.exporting.device_data import STAND_IN_NS, TrialData, iso_utc
 from imu_rig.exporting.output import Output, Place, Tell
 
 
@@ -24,6 +24,8 @@ class Format:
         Who writes it; loaded only then.
     each : bool
         Whether each device has a file of its own.
+    dated : bool
+        Whether every sample needs a date.
     needs : str or None
         Package that is not installed with imu-rig; the extra has the format's name.
     """
@@ -32,13 +34,14 @@ class Format:
     module: str
     function: str
     each: bool = False
+    dated: bool = False
     needs: str | None = None
 
 
 FORMATS = {
     "csv": Format(".csv", "csv_file", "write_csv", each=True),
-    "mcap": Format(".mcap", "mcap_file", "write_mcap"),
-    "tlog": Format(".tlog", "tlog_file", "write_tlog"),
+    "mcap": Format(".mcap", "mcap_file", "write_mcap", dated=True),
+    "tlog": Format(".tlog", "tlog_file", "write_tlog", dated=True),
     "mat": Format(".mat", "matlab_file", "write_matlab"),
     "parquet": Format(".parquet", "parquet_file", "write_parquet", each=True, needs="pyarrow"),
     "c3d": Format(".c3d", "c3d_file", "write_c3d", needs="ezc3d"),
@@ -105,6 +108,15 @@ def export_trial(data: TrialData, to: str, path: Path, tell: Tell | None = None)
         write(data, Place(path, several=len(data.names) > 1), output)
         if not any(summary.samples for summary in data.summaries.values()):
             raise DataError(f"{data.trial.path} holds no samples to export.")
+        if data.trial.start_utc_ns is None:
+            output.notes.append(
+                "Nobody knows at what time of day this trial began: "
+                + (
+                    f"the times count from {iso_utc(STAND_IN_NS)[:10]}."
+                    if FORMATS[to].dated
+                    else "the exported times are trial time only, without UTC."
+                )
+            )
     return output
 
 

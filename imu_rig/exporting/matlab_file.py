@@ -65,7 +65,7 @@ def _struct(device: DeviceData) -> dict[str, Any]:
         "name": device.name,
         "layout": device.layout,
         "utc_start": device.start_utc,
-        "utc_start_posix": device.start_utc_ns / 1e9,
+        "utc_start_posix": np.nan if device.start_utc_ns is None else device.start_utc_ns / 1e9,
         "time_uncertainty_s": device.time_uncertainty_s,
         "t": samples.t,
         "host_s": samples.host_s,

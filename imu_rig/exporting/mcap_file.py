@@ -1,7 +1,8 @@
 """Trials as MCAP with JSON messages, as Foxglove and PlotJuggler read it.
 
 Every device has a topic ``/<device>/imu`` (``/<device>/samples`` without inertial sensor); markers
-and gaps are log messages in ``/markers``. Times are wall clock [ns].
+and gaps are log messages in ``/markers``. Times are wall clock [ns], from a
+stand-in on where nobody knows when the trial began.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def write_mcap(data: TrialData, place: Place, output: Output) -> None:
         log = writer.register_channel(
             "/markers", "json", writer.register_schema("foxglove.Log", "jsonschema", _json(LOG))
         )
-        said = [(m.utc_ns, INFO, m.label, "marker") for m in data.markers]
+        said = [(m.dated_ns, INFO, m.label, "marker") for m in data.markers]
         for device in data:
             _write_device(writer, device, output)
             said += [_gap(device, gap) for gap in device.missing]
@@ -118,7 +119,7 @@ def _write_device(writer: Writer, device: DeviceData, output: Output) -> None:
     first = 0
     for span in output.spans(device.name, len(device), len(device.columns)):
         part = device[span]
-        times = part.utc_ns.tolist()
+        times = part.dated_ns.tolist()
         _require_positive(min(times), device)
         for number, (utc_ns, message) in enumerate(
             zip(times, rows(_messages(part, decimals)), strict=True), start=first
@@ -167,7 +168,7 @@ def _names(device: DeviceData) -> dict[str, str]:
 
 def _messages(device: DeviceData, decimals: Sequence[int | None]) -> list[Bytes]:
     """Return the messages of all samples as columns of text."""
-    count, utc_ns = len(device), device.utc_ns
+    count, utc_ns = len(device), device.dated_ns
     cells = [
         constant('{"timestamp":{"sec":', count),
         integer_text(utc_ns // NS_PER_S),
@@ -211,14 +212,14 @@ def _members(
 def _gap(device: DeviceData, gap: Any) -> tuple[int, int, str, str]:
     known = "" if gap.samples is None else f", {gap.samples} samples"
     message = f"{one_line(gap.reason)}: missing until {gap.stop_s:.6f} s{known}"
-    return device.start_utc_ns + round(gap.start_s * 1e9), WARNING, message, device.name
+    return device.dated_start_ns + round(gap.start_s * 1e9), WARNING, message, device.name
 
 
 def _require_positive(utc_ns: int, data: TrialData | DeviceData) -> None:
     if utc_ns < 0:
         raise InputError(
-            "The computer's clock stood before 1970 in this trial, and MCAP has no such times: "
-            "export it as CSV, whose column t_s does not need that clock."
+            "Times in this trial lie before 1970, and MCAP has no such times: export it as "
+            "CSV, whose column t_s does not need that clock."
         )
 
 

@@ -34,10 +34,9 @@ def write_parquet(data: TrialData, place: Place, output: Output) -> None:
 
 
 def _schema(data: TrialData, device: DeviceData) -> pyarrow.Schema:
-    fields = [
-        pyarrow.field("t_s", pyarrow.float64(), metadata={"unit": "s"}),
-        pyarrow.field("utc", pyarrow.timestamp("us", tz="UTC")),
-    ]
+    fields = [pyarrow.field("t_s", pyarrow.float64(), metadata={"unit": "s"})]
+    if device.start_utc_ns is not None:
+        fields.append(pyarrow.field("utc", pyarrow.timestamp("us", tz="UTC")))
     for column in device.columns:
         state = "calibrated" if column.calibrated else "raw"
         metadata = {"unit": one_line(column.unit), "state": state}
@@ -66,9 +65,11 @@ def _schema(data: TrialData, device: DeviceData) -> pyarrow.Schema:
 
 def _table(device: DeviceData, schema: pyarrow.Schema) -> pyarrow.Table:
     samples = device.samples
-    arrays = [samples.t, device.utc_us, *(column.values for column in device.columns)]
-    arrays += [a for a in (samples.counter, samples.host_s, samples.device_s) if a is not None]
+    measured = (column.values for column in device.columns)
+    arrays = [samples.t, device.utc_us, *measured]
+    arrays += [samples.counter, samples.host_s, samples.device_s]
+    there = [array for array in arrays if array is not None]
     columns = [
-        pyarrow.array(array, type=field.type) for array, field in zip(arrays, schema, strict=True)
+        pyarrow.array(array, type=field.type) for array, field in zip(there, schema, strict=True)
     ]
     return pyarrow.Table.from_arrays(columns, schema=schema)

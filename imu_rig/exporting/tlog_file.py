@@ -53,7 +53,7 @@ def write_tlog(data: TrialData, place: Place, output: Output) -> None:
     output.require_new(place.path)
     if len(data.names) > MOST_DEVICES:
         raise InputError(f"A tlog takes {MOST_DEVICES} devices: choose some with --sensor.")
-    streams, texts = [], [(m.utc_us, 0, m.label) for m in data.markers]
+    streams, texts = [], [(round(m.dated_ns / 1000), 0, m.label) for m in data.markers]
     for number, device in enumerate(data):
         stream = _stream(device, number, output)
         if stream is None:
@@ -63,7 +63,7 @@ def write_tlog(data: TrialData, place: Place, output: Output) -> None:
             state = f"calibrated {', '.join(device.calibrated)}" if device.calibrated else "raw"
             component = FIRST_COMPONENT + number
             text = f"id {number}, component {component}: {device.name}, {state}"
-            begin = stream.utc_us.min(initial=round(device.start_utc_ns / 1000))
+            begin = stream.utc_us.min(initial=round(device.dated_start_ns / 1000))
             texts.append((int(begin), component, text))
     if not streams:
         raise DataError(
@@ -80,8 +80,8 @@ def _in_order(streams: list[_Stream], output: Output) -> Iterator[tuple[int, byt
     times = np.concatenate([stream.utc_us for stream in streams])
     if times.min() < 0:
         raise InputError(
-            "The computer's clock stood before 1970 in this trial, and a tlog has no such times: "
-            "export it as csv, whose column t_s does not need that clock."
+            "Times in this trial lie before 1970, and a tlog has no such times: export it as "
+            "csv, whose column t_s does not need that clock."
         )
     firsts = np.cumsum([0, *(len(stream.utc_us) for stream in streams)])
     order = np.argsort(times, kind="stable")
@@ -127,7 +127,7 @@ def _imu_stream(
     celsius: FloatArray | None,
 ) -> _Stream:
     """HIGHRES_IMU; what the sensor does not measure is NaN and not among the updated fields."""
-    count, utc_us = len(device), device.utc_us
+    count, utc_us = len(device), device.dated_us
     numbers = np.full((count, 13), np.nan, np.float32)
     with np.errstate(over="ignore"):  # no number of a sensor; it becomes infinite
         for place, name in enumerate(("accel", "gyro", "mag")):
@@ -168,7 +168,7 @@ def _pressure_stream(
         )
         return _packed(sender, message)
 
-    return _Stream(device.utc_us, frame)
+    return _Stream(device.dated_us, frame)
 
 
 def _text_stream(texts: list[tuple[int, int, str]]) -> _Stream:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +14,7 @@ import numpy as np
 from firmware_protocols.layout import LayoutError, PacketLayout
 from imu_rig.arrays import BoolArray, ByteArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
-from imu_rig.clock import NS_PER_S
+from imu_rig.clock import NS_PER_S, utc_of
 from imu_rig.errors import DataError, InputError
 from imu_rig.imu_stream import Assembled, imu_assembled, samples_of
 from imu_rig.packet_stream import AssembledPackets, assemble_packets
@@ -43,6 +44,7 @@ RESUMED = "resumed"
 MARKER = "marker"
 LATE = ("silent", "unreadable")  # reasons of gaps over which a port's bytes still belong together
 ROUNDING_S = 1e-6  # of times in gap records
+LATEST_UTC_NS = 1 << 62  # in 2116; a wall clock before 1970 or after this one was never set
 
 
 def open_trial(path: Path | str) -> Trial:
@@ -164,15 +166,26 @@ class Trial:
         return self._statistics(self.source(name).id)
 
     @property
-    def start_utc_ns(self) -> int:
+    def start_utc_ns(self) -> int | None:
         """Wall clock at trial time 0, by the first clock pair [ns since 1970 UTC].
 
-        A wall clock that was set during the trial changes nothing here; see ``clock_pairs``.
+        None where nobody knows it: the trial was imported from a file that does not tell its
+        date, or its clock pairs are lost or impossible. A wall clock that was set during the
+        trial changes nothing here; see ``clock_pairs``.
         """
+        match self.config.get("origin"):
+            case {"start_known": False}:  # the clock pairs are of the import
+                return None
         pairs = self.clock_pairs
         if not len(pairs.t):
-            return self.created_wall_ns
-        return int(pairs.wall_ns[0]) - round(float(pairs.t[0]) * NS_PER_S)
+            return None
+        start = int(pairs.wall_ns[0]) - round(float(pairs.t[0]) * NS_PER_S)
+        return start if 0 <= start < LATEST_UTC_NS else None
+
+    def utc(self, t: float = 0.0) -> datetime | None:
+        """Return the UTC of a trial time [s], by the wall clock at the start; None as there."""
+        start = self.start_utc_ns
+        return None if start is None else utc_of(start) + timedelta(seconds=t)
 
     @cached_property
     def clock_pairs(self) -> ClockPairs:

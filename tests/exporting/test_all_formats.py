@@ -1,12 +1,19 @@
 """What holds for every format: new files only, all or none, the same bytes every time."""
 
 import resource
+import struct
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
+import ezc3d
+import numpy as np
+import pyarrow.parquet
 import pytest
+from mcap.reader import make_reader
+from scipy.io import loadmat
 from trials_to_export import EMPTY, START_NS, Device, write_trial
 
 from imu_rig.errors import DataError, InputError, StorageError
@@ -113,16 +120,35 @@ def test_a_package_that_is_missing_is_named_with_its_cure(
         export_trial(TrialData(trial), to, target(tmp_path, to))
 
 
-@pytest.mark.parametrize("to", ["mcap", "tlog"])
-def test_a_clock_before_1970_is_refused_where_it_cannot_be_said(
+@EVERY_FORMAT
+def test_a_start_that_nobody_knows_is_made_up_nowhere_unsaid(
     trial: Trial, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Trial, "start_utc_ns", -(10**12))
-    with pytest.raises(InputError, match="before 1970"):
-        export_trial(TrialData(trial), to, target(tmp_path, to))
-    assert list(tmp_path.iterdir()) == []
-    export_trial(TrialData(trial), "csv", target(tmp_path, "csv"))
-    assert "1969-12-31T23:43:20.5" in (tmp_path / "walk_markers.csv").read_text()
+    monkeypatch.setattr(Trial, "start_utc_ns", None)
+    done = export_trial(TrialData(trial), to, target(tmp_path, to))
+    (said,) = [note for note in done.notes if "time of day" in note]
+    assert ("2000-01-01" in said) == (to in ("mcap", "tlog"))
+    y2000_s = datetime(2000, 1, 1, tzinfo=UTC).timestamp()
+    for path in done.files:
+        if to == "csv":
+            with path.open() as file:
+                assert "utc" not in file.readline()
+        elif to == "parquet":
+            assert "utc" not in pyarrow.parquet.read_schema(path).names
+        elif to == "mat":
+            device = loadmat(path, squeeze_me=True)["left_shoe"]
+            assert np.isnan(device["utc_start_posix"].item())
+            assert device["utc_start"].item() == "unknown"
+        elif to == "c3d":
+            parameters = ezc3d.c3d(str(path))["parameters"]["IMU_RIG"]
+            assert parameters["UTC_START"]["value"] == ["unknown"]
+        elif to == "mcap":
+            with path.open("rb") as file:
+                summary = make_reader(file).get_summary()
+            assert 0 <= summary.statistics.message_start_time - y2000_s * 1e9 < 60e9
+        else:
+            (first_us,) = struct.unpack(">Q", path.read_bytes()[:8])
+            assert 0 <= first_us - y2000_s * 1e6 < 60e6
 
 
 def test_whoever_waits_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,6 +114,8 @@ def test_pyshoe_times_that_jitter_come_back(tmp_path):
     recording = load_foreign(write_mat(tmp_path / "a.mat", pyshoe_content(2000)))
     trial, imported = trial_of(tmp_path, recording)
     require_same(trial.samples("foot"), recording.streams["foot"])
+    assert trial.config["origin"]["start_known"] is False
+    assert (trial.start_utc_ns, trial.utc()) == (None, None)  # the file tells no date
     assert imported.missing == {"foot": 0, "reference": 0}
     assert np.array_equal(
         trial.samples("reference").values["position"], recording.reference.position
