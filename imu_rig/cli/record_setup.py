@@ -53,8 +53,15 @@ def setup_from(options: Options, more: Sequence[DeviceSetup] = ()) -> TrialSetup
     """
     base = TrialSetup() if options.setup is None else load_setup(options.setup)
     devices = {device.name: device for device in (*base.devices, *more)}
+    named: set[str] = set()
     for text in options.devices:
         device = device_from(text, devices)
+        if device.name in named:
+            raise InputError(
+                f"--device names {one_line(device.name, 60)!r} twice: each device needs a name of "
+                "its own."
+            )
+        named.add(device.name)
         if options.layout is not None and "layout" not in device.model_fields_set:
             device = device.model_copy(update={"layout": options.layout})
         devices[device.name] = device

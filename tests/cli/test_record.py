@@ -182,6 +182,7 @@ def test_what_cannot_be_meant_is_one_sentence(inside, tmp_path, arguments, said)
     ("options", "said"),
     [
         (Options(devices=["a=/dev/x", "b=/dev/x"]), "the port /dev/x is there twice"),
+        (Options(devices=["a=/dev/x", "a=/dev/y"]), "names 'a' twice"),
         (Options(devices=["a=/dev/x,speed=3"]), "'speed=3' is not understood"),
         (Options(devices=["a="]), "has no port"),
         (Options(devices=["=/dev/x"]), "has no name"),
