@@ -136,14 +136,14 @@ class Jig:
         self._take_hold(a for a in targets if before[a] == 0)
         self._move(targets, before)
 
-    def reported(self) -> dict[str, float]:
+    def reported(self, axes: Iterable[AxisName] = AXES) -> dict[str, float]:
         """Return the angle that each axis is commanded to just now [deg]; NaN where released.
 
         Under way that is the angle its ramp has reached.
         """
         return {
             axis: self._axes[axis].angle(pulse) if pulse else math.nan
-            for axis, pulse in self._positions().items()
+            for axis, pulse in self._positions(axes).items()
         }
 
     def arrived(self) -> bool:
@@ -191,18 +191,24 @@ class Jig:
             self.recover()
             self.command(self.config.park())
 
-    def park_blind(self) -> None:
+    def park_blind(self, axes: Iterable[AxisName] = AXES) -> None:
         """Send settings and park targets without asking anything; returns at once.
 
         The quickest way to park, and the only one when a controller obeys but does not answer. A
         controller that was reset would jump there: `park` takes hold of released servos first.
+
+        Parameters
+        ----------
+        axes : iterable of str
+            Those to park; the others stay as they are.
 
         Raises
         ------
         DeviceError
             If nothing can be sent.
         """
-        targets = self._checked(self.config.park())
+        park = self.config.park()
+        targets = self._checked({axis: park[axis] for axis in axes})
         self._apply_settings()
         self._move(targets, {axis: self._seen.get(axis, t) for axis, t in targets.items()})
 
@@ -274,9 +280,9 @@ class Jig:
             self._maestro.set_speed(axis.channel, axis.speed_units)
             self._maestro.set_acceleration(axis.channel, axis.acceleration_units)
 
-    def _positions(self) -> dict[AxisName, int]:
-        """Ask for the pulse of every axis [quarter-us]; 0 is none."""
-        positions = {name: self._maestro.position(self._axes[name].channel) for name in AXES}
+    def _positions(self, axes: Iterable[AxisName] = AXES) -> dict[AxisName, int]:
+        """Ask for the pulse of axes [quarter-us]; 0 is none."""
+        positions = {name: self._maestro.position(self._axes[name].channel) for name in axes}
         now = (self._clock.now_ns(), time.monotonic())
         for name, pulse in positions.items():
             low, high = self._axes[name].limits_quarter_us

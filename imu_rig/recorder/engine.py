@@ -13,7 +13,7 @@ from typing import Any
 
 from imu_rig import __version__
 from imu_rig.calibration.certificate import load_certificate
-from imu_rig.clock import NS_PER_S, Clock
+from imu_rig.clock import NS_PER_S, Clock, Deadline, SystemClock
 from imu_rig.devices.stream_device import PacketDevice
 from imu_rig.errors import DeviceError, PortError
 from imu_rig.recorder.jig_keeper import JigKeeper
@@ -34,7 +34,8 @@ TURN_S = 0.05  # of the recorder's own loop
 OBSERVE_S = 0.2  # between statuses
 DISK_S = 1.0  # between looks at the disk
 PACE_S = 5.0  # over which the growth of the file is measured
-JOIN_S = 1.0  # for all devices' ports to close at the end
+END_S = 2.4  # for the jig to park and all ports to close, whatever they do
+PORTS_S = 0.4  # of that, kept for the ports
 UNKNOWN_RATE = 10_000.0  # bytes per second of a device that does not state its rate
 
 
@@ -291,14 +292,14 @@ class Recorder:
     # --- the end ------------------------------------------------------------------------------
 
     def _release(self) -> None:
-        """Park the jig, then close the ports."""
+        """Park the jig, then close the ports; what takes too long is not waited for."""
+        end = Deadline(SystemClock(), END_S)
         if self._jig is not None:
-            self._jig.park(wait=not self._stop.hurry)
+            self._jig.park(Deadline(SystemClock(), END_S - PORTS_S), lambda: self._stop.hurry)
         for keeper in self._keepers:
             keeper.ask_to_stop()
-        end = time.monotonic() + JOIN_S
         for keeper in self._keepers:
-            keeper.join(max(0.0, end - time.monotonic()))
+            keeper.join(end.remaining)
 
     def _close(self, trial: TrialWriter, reason: str) -> None:
         with self._marks:

@@ -305,6 +305,85 @@ def test_the_jig_is_recorded_and_parked_at_the_end(tmp_path):
     assert {command[1] for command in targets} == {0}
 
 
+@contextmanager
+def recorded_jig(path):
+    """A jig whose pan axis is held, while it is being recorded."""
+    with SimulatedRig(RigConfig.random(3), clock=CLOCK) as rig:
+        maestro = open_port(rig.maestro_url)
+        maestro.write(bytes((0x84, 0, 6040 & 0x7F, 6040 >> 7)))
+        wait_until(lambda: rig.state().pulses_us["pan"] == 1510.0)
+        maestro.close()
+        setup = TrialSetup(jig=JigSetup(maestro=rig.maestro_url))
+        with recording(setup, path) as running:
+            wait_until(lambda: running.statuses)
+            yield rig, running
+
+
+def targets_sent(trial):
+    sent = trial.wire("jig", "out").data
+    return {sent[i + 1] for i in range(len(sent) - 3) if sent[i] == 0x84}
+
+
+@pytest.mark.parametrize("word", ["off", "stuck", "slow", "delayed"])
+def test_the_end_is_reached_within_three_seconds_whatever_the_jig_does(tmp_path, word):
+    path = tmp_path / "walk.imu-trial"
+    with recorded_jig(path) as (rig, running):
+        rig.fault("maestro", word)
+        before = time.monotonic()
+        running.end()
+        assert time.monotonic() - before < 3.0
+    trial = open_trial(path)
+    assert trial.ended == "complete"
+    assert trial.events[-1].name == "parking"
+    assert targets_sent(trial) == {0}  # nothing was waited for before that
+    assert ("not answer" in (running.outcome.problem or "")) is (word == "off")
+
+
+def test_a_jig_that_stays_unplugged_is_told_and_holds_nothing_up(tmp_path):
+    path = tmp_path / "walk.imu-trial"
+    with recorded_jig(path) as (rig, running):
+        rig.fault("maestro", "unplug")
+        wait_until(lambda: running.statuses[-1].problem)
+        before = time.monotonic()
+        running.end()
+        assert time.monotonic() - before < 3.0
+    assert "could not be parked" in running.outcome.problem
+    trial = open_trial(path)
+    assert trial.ended == "complete"
+    [gap] = trial.gaps
+    assert gap.fields == {"reason": "unplugged"}
+
+
+@pytest.mark.parametrize("word", ["unplug", "off"])
+def test_a_jig_that_comes_back_is_watched_again_and_its_gap_is_complete(tmp_path, word):
+    path = tmp_path / "walk.imu-trial"
+    with recorded_jig(path) as (rig, running):
+        rig.fault("maestro", word)
+        wait_until(lambda: running.statuses[-1].problem)
+        rig.clear("maestro")
+        wait_until(lambda: not running.statuses[-1].problem)
+    assert running.outcome.problem is None
+    trial = open_trial(path)
+    assert [e.name for e in trial.events if e.name.startswith("jig")] == ["jig_lost", "jig_back"]
+    [gap] = trial.gaps
+    assert gap.source == trial.sources["jig"].id
+    assert gap.fields["reason"] == ("unplugged" if word == "unplug" else "silent")
+    assert gap.t < gap.fields["until_s"] < trial.duration_s
+
+
+def test_a_jig_that_comes_back_at_the_last_moment_is_parked_and_nothing_is_left_to_tell(tmp_path):
+    path = tmp_path / "walk.imu-trial"
+    with recorded_jig(path) as (rig, running):
+        rig.fault("maestro", "unplug")
+        wait_until(lambda: running.statuses[-1].problem)
+        rig.clear("maestro")
+        running.end()
+    trial = open_trial(path)
+    assert running.outcome.problem is None
+    assert trial.gaps[-1].fields["until_s"] <= trial.duration_s
+    assert targets_sent(trial) == {0}
+
+
 def test_a_certificate_travels_with_the_trial(tmp_path, monkeypatch):
     bad = tmp_path / "certificate.json"
     bad.write_text("{}")
