@@ -69,7 +69,7 @@ class FileHeader:
     size : int
         Offset of the first record [bytes].
     damaged : bool
-        Whether one of the two copies does not pass its checksum.
+        Whether a copy of it, or both, did not pass their checksums.
     """
 
     file_id: bytes
@@ -91,6 +91,10 @@ class FileHeader:
         return 2 * (fields + _CRC.pack(zlib.crc32(fields)))
 
 
+class HeaderLost(InputError):  # noqa: N818  (a state of the file)
+    """A file that does not begin with a header that can be read."""
+
+
 def decode_file_header(start: bytes, path: Path) -> FileHeader:
     """Read the header from the first ``HEADER_SIZE`` bytes of a file.
 
@@ -104,13 +108,15 @@ def decode_file_header(start: bytes, path: Path) -> FileHeader:
     Raises
     ------
     InputError
-        If the file is empty, zero-filled, foreign, of a newer version, or both copies are damaged.
+        If the file is empty or of a newer version.
+    HeaderLost
+        If the start is zero-filled or foreign, or both copies are damaged.
     """
     start = start[:HEADER_SIZE]
     if not start:
         raise InputError(f"{path} is empty; there is nothing in it to read.")
     if not any(start):
-        raise InputError(
+        raise HeaderLost(
             f"{path} begins with zeros: the disk lost the start of this file, "
             "so take another copy of it."
         )
@@ -118,11 +124,11 @@ def decode_file_header(start: bytes, path: Path) -> FileHeader:
     sound = [header for copy in copies if (header := _decode_copy(copy)) is not None]
     if not sound:
         if any(copy.startswith(MAGIC) for copy in copies):
-            raise InputError(
-                f"{path}: both copies of the header are damaged, so nothing after them can be "
-                "checked; take another copy of the file."
+            raise HeaderLost(
+                f"{path}: both copies of the header are damaged, and nothing after them is sound; "
+                "take another copy of the file."
             )
-        raise InputError(f"{path} is not a trial file of imu-rig.")
+        raise HeaderLost(f"{path} is not a trial file of imu-rig.")
     header = sound[0]
     if header.version > VERSION:
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -16,16 +17,16 @@ from imu_rig.arrays import BoolArray, ByteArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.clock import NS_PER_S, utc_of
 from imu_rig.errors import DataError, InputError
-from imu_rig.imu_stream import Assembled, imu_assembled, samples_of
-from imu_rig.packet_stream import AssembledPackets, assemble_packets
+from imu_rig.imu_scaling import is_inertial
+from imu_rig.imu_stream import imu_block, packet_samples
+from imu_rig.packet_stream import AssembledPackets, StreamStats, assemble_packets
 from imu_rig.recording.contents import ClockPairs, Event, Gap, Marker, Missing, Source, Wire
+from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
     CLOCK_PAIR,
-    HEADER_SIZE,
     TRIAL,
     FileHeader,
     Kind,
-    decode_file_header,
     decode_json,
     encode_json,
 )
@@ -42,6 +43,8 @@ _WIRE_KIND = {"in": Kind.BYTES_IN, "out": Kind.BYTES_OUT}
 _SPAN_BYTES = 4 << 20  # read from the file at a time
 RESUMED = "resumed"
 MARKER = "marker"
+IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorder heard
+DAMAGE, LOST_IN_FILE = "damage", "lost in the file"  # in a repaired file's records, and in words
 LATE = ("silent", "unreadable")  # reasons of gaps over which a port's bytes still belong together
 ROUNDING_S = 1e-6  # of times in gap records
 LATEST_UTC_NS = 1 << 62  # in 2116; a wall clock before 1970 or after this one was never set
@@ -53,17 +56,16 @@ def open_trial(path: Path | str) -> Trial:
     Raises
     ------
     InputError
-        If it is missing, empty, zero-filled, foreign, of a newer version, or has lost both copies
-        of its header. Damage after the header is no error: see ``Trial.damage``.
+        If it is missing, empty, zero-filled, foreign or of a newer version. Damage is no error,
+        also of the header: see ``Trial.damage``.
     """
     path = Path(path)
     require_file(path)
     try:
         with path.open("rb") as file:
-            start = file.read(HEADER_SIZE)
+            return Trial(path, read_file_header(file, path))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}).") from error
-    return Trial(path, decode_file_header(start, path))
 
 
 class Trial:
@@ -215,6 +217,11 @@ class Trial:
         """Names of the sources that send packets of a known layout."""
         return [n for n, s in self.sources.items() if isinstance(s.descriptor.get("layout"), dict)]
 
+    @cached_property
+    def imus(self) -> list[str]:
+        """Names of the inertial sensors among them."""
+        return [name for name in self.sensors if self._is_inertial(name)]
+
     def source(self, name: str) -> Source:
         """Return a source by name.
 
@@ -258,11 +265,13 @@ class Trial:
             If the trial has no such source, one without a readable packet layout or without
             accelerometer and gyroscope, or no certificate to calibrate by.
         """
+        layout, packets = self._packets(name)
+        block = imu_block(layout, packets.block)
         if not calibrated:
-            return self.imu_assembled(name).block
+            return block
         from imu_rig.calibration.certificate import apply_certificate
 
-        return apply_certificate(self.certificate(name), self.imu_assembled(name).block)
+        return apply_certificate(self.certificate(name), block)
 
     def certificate(self, name: str) -> Certificate:
         """Return the certificate of a sensor that was recorded with the trial.
@@ -292,15 +301,10 @@ class Trial:
         DataError
             If their times cannot be right, besides what :meth:`imu` raises.
         """
-        assembled = self.imu_assembled(name)
-        if assembled.time_problem is not None:
-            raise DataError(f"{self.path}: {assembled.time_problem}")
-        return assembled.block
-
-    def imu_assembled(self, name: str) -> Assembled:
-        """Return the samples of a sensor with the statistics of their stream, as :meth:`imu`."""
-        layout, packets = self._packets(name)
-        return imu_assembled(layout, packets)
+        block, problem = self.imu(name), self.time_problem(name)
+        if problem is not None:
+            raise DataError(f"{self.path}: {problem}")
+        return block
 
     def samples(self, name: str) -> Samples:
         """Return all that a sensor of any kind sent; times are trial time.
@@ -311,7 +315,7 @@ class Trial:
             If the trial has no such source, or one without a readable packet layout.
         """
         layout, packets = self._packets(name)
-        return samples_of(layout, packets.block)
+        return packet_samples(layout, packets.block)
 
     def missing(self, name: str) -> list[Missing]:
         """Return what is missing from the samples of a sensor, in order of time.
@@ -340,14 +344,43 @@ class Trial:
         Returns
         -------
         float
-            Infinite where nothing came, or where the times cannot be right.
+            Infinite where nothing came, or where the times cannot be right. Not a number where
+            nobody knows it: the samples were imported with the times that their file gave them.
 
         Raises
         ------
         InputError
             As :meth:`samples`.
         """
-        return self._packets(name)[1].sigma_s
+        sigma_s = self._packets(name)[1].sigma_s
+        return math.nan if self.imported(name) else sigma_s
+
+    def imported(self, name: str) -> bool:
+        """Whether a source's samples and their times were read from another program's file.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such source.
+        """
+        return IMPORTED_FROM in self.source(name).descriptor
+
+    def time_problem(self, name: str) -> str | None:
+        """Return why a sensor's times cannot be right, as a sentence without its stop.
+
+        None where they can. Raises as :meth:`samples`.
+        """
+        return self._packets(name)[1].time_problem
+
+    def stream_statistics(self, name: str) -> StreamStats:
+        """Return what has become of a sensor's bytes; raises as :meth:`samples`."""
+        return self._packets(name)[1].stats
+
+    def _is_inertial(self, name: str) -> bool:
+        try:
+            return is_inertial(self._layout(name))
+        except InputError:  # its samples will say what is wrong with its layout
+            return self.source(name).kind == "imu"
 
     def _packets(self, name: str) -> tuple[PacketLayout, AssembledPackets]:
         """Decode a source; the last one asked for is kept, for its samples are asked in turns."""
@@ -413,17 +446,17 @@ class Trial:
         causes = []
         for row, gap in self._gaps:
             if gap.source == TRIAL and after(row) < np.inf:  # of any source
-                causes.append(Cause(after(row), None, str(gap.fields.get("reason", "unknown"))))
+                causes.append(Cause(after(row), None, _reason(gap)))
             elif gap.source == number:
                 until_s, back_s = gap.fields.get("until_s"), after(row)
                 if isinstance(until_s, int | float) and 0 <= until_s <= self.duration_s:
                     back_s = until_s - ROUNDING_S
-                causes.append(Cause(back_s, gap.t, str(gap.fields.get("reason", "unknown"))))
+                causes.append(Cause(back_s, gap.t, _reason(gap)))
         for row in self._resumed_rows.tolist():
             causes.append(Cause(after(row), self._t(row), "recording interrupted"))
         lost_before = records.sequence[rows].astype(np.int64) - rows
         for index in np.flatnonzero(np.diff(lost_before, prepend=0) > 0).tolist():
-            causes.append(Cause(float(arrival_s[index]), None, "lost in the file"))
+            causes.append(Cause(float(arrival_s[index]), None, LOST_IN_FILE))
         return causes
 
     @property
@@ -493,6 +526,12 @@ class Trial:
                 file.seek(base)
                 piece = _read_exactly(file.read, int(stop[last - 1]) - base, self.path)
                 yield slice(first, last), piece, start[first:last] - base
+
+
+def _reason(gap: Gap) -> str:
+    """Return why, by the word that also stands for the same loss before the file is repaired."""
+    reason = str(gap.fields.get("reason", "unknown"))
+    return LOST_IN_FILE if reason == DAMAGE else reason
 
 
 def _place(

@@ -21,21 +21,20 @@ import numpy as np
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError, NameTaken
 from imu_rig.files import whole_file
+from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
-    HEADER_SIZE,
     RECORD_OVERHEAD,
     SUFFIX,
     TRIAL,
     FileHeader,
     Kind,
-    decode_file_header,
     decode_json,
     encode_json,
     encode_records,
 )
 from imu_rig.recording.log import Count, Entry
 from imu_rig.recording.notes import LONGEST_NS, wire_counts
-from imu_rig.recording.reader import RESUMED
+from imu_rig.recording.reader import DAMAGE, RESUMED
 from imu_rig.recording.scan import Damage, Records, iter_records, scan_records
 from imu_rig.recording.storage import OsFileSystem, open_undisturbed, require_space
 
@@ -141,7 +140,7 @@ def repair_trial(
     """
     target = default_target(path) if target is None else target
     with open_undisturbed(path) as file:
-        header = decode_file_header(file.read(HEADER_SIZE), path)
+        header = read_file_header(file, path)
         survey = _survey(file, header, progress)
         if not survey.damage and survey.ended is not None:
             return _outcome(path, None, survey, written=False)
@@ -369,7 +368,7 @@ def _entries(
 
 
 def _gap(records: int, until_ns: int) -> bytes:
-    value = {"reason": "damage", "records": records, "until_s": until_ns / NS_PER_S}
+    value = {"reason": DAMAGE, "records": records, "until_s": until_ns / NS_PER_S}
     return encode_json(value, "The gap")
 
 

@@ -128,7 +128,7 @@ class Damage:
     records_reordered : int
         Records found before one with a lower sequence number; put in their place.
     header_damaged : bool
-        Whether one of the two copies of the file header is damaged.
+        Whether a copy of the file header is damaged, or both.
     """
 
     records_lost: int = 0
@@ -153,7 +153,7 @@ class Damage:
         ]
         said = [f"{n} {what}{'s' * (n > 1)} {done}" for n, what, done in words if n]
         if self.header_damaged:
-            said.append("one of two header copies damaged")
+            said.append("header damaged")
         return ", ".join(said) if said else "none"
 
 
