@@ -67,5 +67,5 @@ def test_nothing_is_found_in_what_is_no_trial(tmp_path):
     }.items():
         path = tmp_path / name
         path.write_bytes(data)
-        with pytest.raises(InputError, match="not a trial file|begins with zeros"):
+        with pytest.raises(InputError, match=r"not a trial file|begins with zeros"):
             open_trial(path)
