@@ -50,7 +50,7 @@ def repair(
 def _packets_lost(outcome: Repair) -> dict[str, int]:
     """How many packets each sensor's own numbers say were lost with the damage."""
     from imu_rig.errors import InputError
-    from imu_rig.recording.reader import open_trial
+    from imu_rig.recording.reader import LOST_IN_FILE, open_trial
 
     if outcome.target is None or outcome.target.stat().st_size > LARGEST_DECODED_BYTES:
         return {}
@@ -61,7 +61,7 @@ def _packets_lost(outcome: Repair) -> dict[str, int]:
             missing = trial.missing(name)
         except InputError:  # a layout that cannot be read is no reason not to repair
             continue
-        lost[name] = sum(part.samples or 0 for part in missing if part.reason == "damage")
+        lost[name] = sum(part.samples or 0 for part in missing if part.reason == LOST_IN_FILE)
     return lost
 
 

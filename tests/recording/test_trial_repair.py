@@ -165,9 +165,11 @@ def test_the_rows_of_a_repaired_trial_are_those_of_the_damaged_one(path):
         np.testing.assert_array_equal(before.counter, after.counter)
         for field, values in before.values.items():
             np.testing.assert_array_equal(values, after.values[field])
-        assert [m.samples for m in damaged.missing(name)] == [
-            m.samples for m in trial.missing(name)
+        assert [(m.samples, m.reason) for m in damaged.missing(name)] == [
+            (m.samples, m.reason) for m in trial.missing(name)
         ]
+    reasons = {m.reason for name in trial.sensors for m in trial.missing(name)}
+    assert "lost in the file" in reasons
 
 
 def test_a_continued_trial_is_repaired_with_all_its_parts(path, sound):
