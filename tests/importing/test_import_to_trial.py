@@ -1,6 +1,7 @@
 """Foreign recordings as trial files: every number, time and gap comes back."""
 
 import errno
+import math
 import os
 from dataclasses import replace
 
@@ -161,8 +162,7 @@ def test_times_come_back_at_every_rate(tmp_path, path, rate):
     require_same(trial.samples("imu"), recording.streams["imu"], begin=17.125)
     samples = trial.samples("imu")
     assert np.allclose(samples.host_s, samples.device_s, rtol=0, atol=1e-9)
-    if rate <= 1000:  # the fastest is too short to tell
-        assert trial.time_uncertainty_s("imu") < 1e-4
+    assert math.isnan(trial.time_uncertainty_s("imu"))  # the file's times are all there is
     assert imported.missing == {"imu": 0}
     assert trial.config["origin"]["time_zero_s"] == 17.125
 
