@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import math
 import os
@@ -20,6 +21,7 @@ from imu_rig.cli.terminal import fitted
 from imu_rig.errors import ImuRigError, InputError, NameTaken
 
 if TYPE_CHECKING:
+    from imu_rig.cli.record_view import RecordView
     from imu_rig.recorder.engine import RecordingOutcome
     from imu_rig.recorder.setup import DeviceSetup, TrialSetup
     from imu_rig.recorder.status import RecorderStatus
@@ -30,8 +32,6 @@ DEFAULT_MAX_LOSS = 5.0
 WAIT_S = 30.0  # for required devices where nobody sits at a terminal
 MOST_SIMULATED = 16
 SIMULATED_SKEW_PPM = 10.0  # of the first device's clock; the second's is twice as wrong ...
-STOPPING = "Stopping: {0}the file is closed now; once more to hurry."
-PARKING = "the jig parks and "
 
 
 def record(
@@ -103,9 +103,10 @@ def record(
     quiet: Quiet = False,
 ) -> None:
     """Record any number of devices until Ctrl-C, q or the planned duration."""
-    from imu_rig.cli.record_json import result_json
     from imu_rig.cli.record_setup import Options, setup_from
-    from imu_rig.cli.record_summary import exit_code, shortfalls, summary_lines
+    from imu_rig.cli.record_view import RecordView
+    from imu_rig.cli.signals import stop_on_signals
+    from imu_rig.stopping import StopRequest
 
     if wait is not None and not (math.isfinite(wait) and wait >= 0):
         raise InputError(f"--wait {wait} is no number of seconds to wait.")
@@ -135,37 +136,51 @@ def record(
             ),
             simulated,
         )
-        outcome, stop = _record(plan, output, wait_s=wait, quiet=quiet, as_json=as_json)
-    short = shortfalls(outcome, max_loss / 100.0)
+        stop, view = StopRequest(), RecordView(quiet=quiet, as_json=as_json)
+        # also while the end is told: who presses Ctrl-C twice wants to know where the file is
+        stack.enter_context(stop_on_signals(stop, view.notify, _stopping(plan)))
+        with view:
+            outcome = _record(plan, output, view, stop, wait_s=wait)
+        code = _tell(outcome, stop, max_loss / 100.0, as_json=as_json)
+    raise typer.Exit(code)
+
+
+def _tell(outcome: RecordingOutcome, stop: StopRequest, max_loss: float, *, as_json: bool) -> int:
+    """Tell how a recording ended, and return the exit code."""
+    from imu_rig.cli.record_json import result_json
+    from imu_rig.cli.record_summary import exit_code, shortfalls, summary_lines, times_of
+
+    times = times_of(outcome, stop)
+    short = shortfalls(outcome, max_loss, times)
     code = exit_code(outcome, short)
     if as_json:
         result = {"result": result_json(outcome, short, code)}
         _say(sys.stdout, [json.dumps(result, allow_nan=False)])
     else:
-        _say(sys.stdout, summary_lines(outcome, brief=stop.brief))
+        _say(sys.stdout, summary_lines(outcome, times))
     _say(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
-    raise typer.Exit(code)
+    return code
+
+
+def _stopping(plan: TrialSetup) -> str:
+    parks = "" if plan.jig is None else "the jig parks and "
+    return f"Stopping: {parks}the file is closed now; once more to hurry."
 
 
 def _record(
-    plan: TrialSetup, output: Path, *, wait_s: float | None, quiet: bool, as_json: bool
-) -> tuple[RecordingOutcome, StopRequest]:
-    """Record under the next free name; return how it ended and who asked for that."""
+    plan: TrialSetup, output: Path, view: RecordView, stop: StopRequest, *, wait_s: float | None
+) -> RecordingOutcome:
+    """Record under the next free name; return how it ended."""
     from imu_rig.cli.keys import Keys
-    from imu_rig.cli.record_view import RecordView
-    from imu_rig.cli.signals import stop_on_signals
     from imu_rig.clock import SystemClock
     from imu_rig.recorder.engine import Recorder
     from imu_rig.recorder.naming import free_paths, session_part
-    from imu_rig.stopping import StopRequest
 
-    stop = StopRequest()
-    stopping = STOPPING.format("" if plan.jig is None else PARKING)
-    view = RecordView(quiet=quiet, as_json=as_json)
     part = session_part(plan.session, plan.subject, datetime.now().astimezone().date())
 
     def attempt(path: Path) -> RecordingOutcome:
         listens = False
+        numbers = itertools.count(1)
         with contextlib.ExitStack() as listening:
 
             def observe(status: RecorderStatus) -> None:
@@ -177,6 +192,8 @@ def _record(
                 view.observe(status)
 
             def mark(label: str) -> None:
+                number = next(numbers)
+                label = label or f"marker {number}"
                 recorder.mark(label)
                 view.marked(label)
 
@@ -193,13 +210,13 @@ def _record(
 
     def stop_by_key() -> None:
         if stop.cause is None:
-            view.notify(stopping)
+            view.notify(_stopping(plan))
         stop.make("Stopped by the key q.")
 
-    with view, stop_on_signals(stop, view.notify, stopping), _folder(output, part) as folder:
+    with _folder(output, part) as folder:
         for path in free_paths(folder, plan.trial):
             try:
-                return attempt(path), stop
+                return attempt(path)
             except NameTaken:  # another recorder was faster
                 continue
             except ImuRigError as error:

@@ -88,10 +88,15 @@ def _head(status: RecorderStatus, width: int) -> Text:
     from rich.text import Text
 
     waiting = sum(d.required and d.state == "waiting" for d in status.devices)
+    gone = [d for d in status.devices if d.required and d.state not in ("waiting", "live")]
     words = {
         "starting": ("STARTING", "bold yellow"),
         "waiting": (f"WAITING for {waiting or 'required'} device{'s'[: waiting != 1]}", "bold red"),
-        "recording": ("● RECORDING", "bold green"),
+        "recording": (
+            (f"● RECORDING without {_named(gone)}", "bold red")
+            if gone
+            else ("● RECORDING", "bold green")
+        ),
         "stopping": ("STOPPING", "bold yellow"),
         "ended": ("ENDED", "bold"),
     }[status.state]
@@ -101,10 +106,14 @@ def _head(status: RecorderStatus, width: int) -> Text:
         if abs(status.elapsed_s - status.recorded_s) >= 1.0:
             line.append(f"   with all devices {clock(status.recorded_s)}")
         line.append(f" of {clock(status.planned_s)}  ")
-        gone, left = bar(done, min(BAR_WIDTH, width - line.cell_len - 6))
-        line.append(gone, "cyan").append(left, "dim cyan")
+        made, left = bar(done, min(BAR_WIDTH, width - line.cell_len - 6))
+        line.append(made, "cyan").append(left, "dim cyan")
         line.append(f" {100 * done:3.0f} %")
     return line
+
+
+def _named(devices: list[DeviceStatus]) -> str:
+    return one_line(devices[0].name, 24) if len(devices) == 1 else f"{len(devices)} devices"
 
 
 def _file(status: RecorderStatus, marker: str, width: int) -> Table:

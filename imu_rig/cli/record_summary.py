@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import textwrap
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from imu_rig.cli.words import clock, losses, size, uncertainty
@@ -12,7 +14,7 @@ from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
-    from imu_rig.recorder.status import DeviceStatus
+    from imu_rig.stopping import StopRequest
 
 WIDTH = 80
 NAME_WIDTH = 20
@@ -20,9 +22,50 @@ MOST_BYTES_AT_ONCE = 20_000_000
 """A larger file is not read again at the end to state its uncertainty of time."""
 
 
-def shortfalls(outcome: RecordingOutcome, max_loss: float) -> list[str]:
+@dataclass(frozen=True)
+class Times:
+    """How well the devices' times are known on the trial's clock.
+
+    Attributes
+    ----------
+    uncertainty_s : dict
+        Standard uncertainty by device [s], where it was found out.
+    problems : dict
+        Why times cannot be right, by device: a sentence without its stop.
+    """
+
+    uncertainty_s: dict[str, float] = field(default_factory=dict)
+    problems: dict[str, str] = field(default_factory=dict)
+
+
+UNKNOWN = Times()
+
+
+def times_of(outcome: RecordingOutcome, stop: StopRequest) -> Times:
+    """Read the file again for its times; not for one who has no time for that."""
+    from imu_rig.cli.working import Working
+    from imu_rig.recording.reader import open_trial
+
+    times = Times()
+    if outcome.file_bytes > MOST_BYTES_AT_ONCE:
+        return times
+    with contextlib.suppress(ImuRigError, OSError), Working("Reading the file again"):
+        trial = open_trial(outcome.path)
+        for device in outcome.devices:
+            if stop.brief or stop.hurry:
+                break
+            if not device.packets:
+                continue
+            times.uncertainty_s[device.name] = trial.time_uncertainty_s(device.name)
+            problem = trial.time_problem(device.name)
+            if problem is not None:
+                times.problems[device.name] = problem
+    return times
+
+
+def shortfalls(outcome: RecordingOutcome, max_loss: float, times: Times = UNKNOWN) -> list[str]:
     """Say in sentences what a recording is not that it should be; ``max_loss`` is 0 to 1."""
-    told = []
+    told = [f"{one_line(name, 60)}: {problem}." for name, problem in times.problems.items()]
     for device in outcome.devices:
         name = one_line(device.name, 60)
         if not device.required:
@@ -55,9 +98,8 @@ def exit_code(outcome: RecordingOutcome, short: list[str]) -> int:
     return SessionInterrupted.exit_code if outcome.reason == "interrupted" else 0
 
 
-def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str]:
-    """Lines that tell a recording; ``brief`` where the program has to leave at once."""
-    uncertainties = {} if brief else time_uncertainties(outcome)
+def summary_lines(outcome: RecordingOutcome, times: Times = UNKNOWN) -> list[str]:
+    """Lines that tell a recording."""
     ended = {"complete": "complete", "interrupted": "stopped before its planned end"}
     facts = [
         f"{clock(outcome.duration_s)} recorded",
@@ -68,42 +110,24 @@ def summary_lines(outcome: RecordingOutcome, *, brief: bool = False) -> list[str
     lines = [str(outcome.path), f"  {', '.join(facts)}", ""]
     names = [_short(device.name) for device in outcome.devices]
     width = max(map(len, [*names, "device"]))
-    head = f"  {'device':{width}}{'packets':>10}{'Hz':>8}{'lost':>17}{'gaps':>6}"
-    lines.append(head + (f"{'time':>11}" if uncertainties else ""))
+    lines.append(f"  {'device':{width}}{'packets':>10}{'Hz':>8}{'lost':>17}{'gaps':>6}{'time':>11}")
     for name, device in zip(names, outcome.devices, strict=True):
         rate = f"{device.rate_hz:.1f}" if device.rate_hz else "–"
         lost = losses(device.lost, device.loss)
-        line = f"  {name:{width}}{device.packets:>10}{rate:>8}{lost:>17}{device.gaps:>6}"
-        if uncertainties:
-            line += f"{uncertainty(uncertainties.get(device.name)):>11}"
-        lines.append(line + _remark(device))
+        time = uncertainty(times.uncertainty_s.get(device.name))
+        lines.append(
+            f"  {name:{width}}{device.packets:>10}{rate:>8}{lost:>17}{device.gaps:>6}{time:>11}"
+        )
+    gone = [
+        f"  {name}: {device.state} at the end"
+        for name, device in zip(names, outcome.devices, strict=True)
+        if device.state != "live"
+    ]
+    lines += ["", *gone] if gone else []
     file = shlex.quote(str(outcome.path))
     lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file} --to csv"]
     return lines
 
 
-def time_uncertainties(outcome: RecordingOutcome) -> dict[str, float]:
-    """Read the file again for how well each device's time is known on the trial's clock [s]."""
-    from imu_rig.cli.working import Working
-    from imu_rig.recording.reader import open_trial
-
-    found: dict[str, float] = {}
-    if outcome.file_bytes > MOST_BYTES_AT_ONCE:
-        return found
-    try:
-        with Working("Reading the file again"):
-            trial = open_trial(outcome.path)
-            for device in outcome.devices:
-                if device.packets:
-                    found[device.name] = trial.time_uncertainty_s(device.name)
-    except (ImuRigError, OSError):  # info tells of it
-        return {}
-    return found
-
-
 def _short(name: str) -> str:
     return textwrap.shorten(one_line(name, 60), NAME_WIDTH, placeholder="…")
-
-
-def _remark(device: DeviceStatus) -> str:
-    return "" if device.state == "live" else f"  {device.state} at the end"

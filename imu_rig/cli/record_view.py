@@ -47,7 +47,7 @@ class RecordView(View):
 
     def marked(self, label: str) -> None:
         """Tell of a marker."""
-        self._marker = label or "plain"
+        self._marker = label
 
     def listens_to_keys(self, *, on_terminal: bool) -> None:
         """Tell from now on which keys do what, where there are keys."""

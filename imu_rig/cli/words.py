@@ -34,10 +34,14 @@ def lasting(seconds: float) -> str:
 
 
 def uncertainty(seconds: float | None) -> str:
-    """Return how well times are known, ``± 0.2 ms``."""
+    """Return how well times are known to two digits, ``± 0.40 ms``."""
     if seconds is None or not math.isfinite(seconds):
         return "–"
-    return f"± {1e3 * seconds:.2g} ms" if seconds < 0.1 else f"± {seconds:.2g} s"
+    longest = ((1e-4, 1e6, "µs"), (0.1, 1e3, "ms"), (math.inf, 1.0, "s"))
+    scale, unit = next((scale, unit) for limit, scale, unit in longest if seconds < limit)
+    value = scale * seconds
+    decimals = min(2, max(0, 1 - math.floor(math.log10(value)))) if value > 0 else 0
+    return f"± {value:.{decimals}f} {unit}"
 
 
 def losses(lost: int, share: float) -> str:

@@ -15,7 +15,7 @@ import pytest
 
 from imu_rig.cli.record import _say
 from imu_rig.cli.record_setup import Options, device_from, duration_s, setup_from
-from imu_rig.cli.record_summary import shortfalls
+from imu_rig.cli.record_summary import Times, shortfalls, summary_lines
 from imu_rig.errors import InputError
 from imu_rig.recorder.engine import RecordingOutcome
 from imu_rig.recorder.setup import load_setup
@@ -77,7 +77,7 @@ def test_two_devices_are_recorded_and_told_to_programs(inside, tmp_path, lines):
     assert trial.config["note"] == "slow"
     assert trial.ended == "complete"
     # the end of the input ends nothing, and half a line is not yet one
-    assert [m.label for m in trial.markers] == ["start", "", "[31mred [0m"]
+    assert [m.label for m in trial.markers] == ["start", "marker 2", "[31mred [0m"]
     for device in result["devices"]:
         assert device["lost"] == 0
         assert len(trial.samples(device["name"]).t) == device["packets"] > 100
@@ -301,6 +301,23 @@ def test_what_a_recording_falls_short_of(changes, said):
 def test_a_disk_that_was_too_slow_and_a_jig_not_parked_are_told():
     found = shortfalls(replace(OUTCOME, unwritten_records=7, problem="The jig ..."), 0.05)
     assert ["7 records" in found[0], found[1]] == [True, "The jig ..."]
+
+
+def test_times_that_cannot_be_right_make_a_recording_incomplete():
+    times = Times({"left": 0.0004}, {"left": "the clocks disagree"})
+    assert shortfalls(OUTCOME, 0.05, times) == ["left: the clocks disagree."]
+
+
+def test_the_summary_fits_a_terminal_and_says_who_was_missing():
+    """It does with long names, losses in all, and without having read the times."""
+    name = "a right shoe with a name that is long"
+    gone = replace(GOOD, name=name, state="lost", packets=10_000_000, lost=9_000_000, gaps=999)
+    outcome = replace(OUTCOME, devices=(GOOD, gone))
+    for times in (Times(), Times({"left": 4.04e-4, name: 0.0999})):
+        lines = summary_lines(outcome, times)
+        assert max(map(len, lines)) <= 80
+        assert any(line.endswith(": lost at the end") for line in lines)
+    assert lines[4].endswith(" ± 0.40 ms")
 
 
 def test_the_example_of_a_setup_file_is_one(inside, tmp_path):

@@ -104,6 +104,8 @@ def test_what_is_wrong_is_said_with_whose_it_is():
         ({"unwritten_records": 12}, "12 not written"),
         ({"problem": "The jig is stuck."}, "! The jig is stuck."),
         ({"state": "waiting"}, "WAITING for 1 device "),
+        ({}, "RECORDING without right shoe"),
+        ({"devices": (replace(RIGHT, required=False),)}, "RECORDING 1:02:22"),
         ({}, "1:02:22 with all devices 1:02:10 of 2:00:00"),
         ({"markers": 3}, "markers 3 last: turn"),
     ],
