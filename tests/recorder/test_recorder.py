@@ -4,13 +4,16 @@ import errno
 import re
 import threading
 import time
+import tracemalloc
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_protocols.layout import load_layout
+from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import SystemClock
 from imu_rig.devices.ports import open_port
 from imu_rig.errors import DeviceError, InputError, PortError, StorageError
@@ -26,6 +29,9 @@ from simulators.served_devices import ServedDevices
 LAYOUT = load_layout("mpu9150-28")
 PATIENCE_S = 20.0
 MOST_AT_THE_ENDS = 100  # packets, half a second
+GARBAGE_BYTES_PER_S = 1_000_000
+GARBAGE_BYTES = 1_500_000
+CERTIFICATE = Path(__file__).parents[1] / "data" / "certificate-v1.json"
 CLOCK = SystemClock()
 
 
@@ -178,7 +184,7 @@ def test_a_device_that_falls_silent_or_talks_nonsense_is_told_apart(tmp_path):
         wait_until(lambda: running.device("right").state == "garbled")
         # sound packets of the last two seconds are told of, where there are any
         assert re.search("sends nothing|has fallen silent", running.device("left").problem)
-        assert re.search("without any packet|damaged ones", running.device("right").problem)
+        assert re.search("without any packet|damaged ones|nothing that can be read", running.device("right").problem)
         served.silence("left", False)
         served.garbage("right", False)
         wait_until(lambda: all_live(running))
@@ -255,13 +261,43 @@ def test_a_device_that_is_plugged_in_late_joins(tmp_path):
         assert running.outcome.duration_s > running.outcome.recorded_s >= 0.3
 
 
+@pytest.mark.parametrize("required", [True, False])
+def test_a_late_device_whose_port_is_refused_costs_the_others_nothing(tmp_path, required):
+    with ServedDevices(CLOCK) as served:
+        setup = setup_of(served, ["left"])
+        port = tmp_path / "late"
+        late = DeviceSetup(name="late", port=str(port), required=required)
+        setup = setup.model_copy(update={"devices": (*setup.devices, late)})
+        with recording(setup, tmp_path / "walk.imu-trial") as running:
+            wait_until(lambda: running.statuses and running.device("left").state == "live")
+            wait_until(lambda: running.device("late").state == "waiting")
+            port.write_text("no port at all")
+            wait_until(lambda: "no serial port" in (running.device("late").problem or ""))
+            before = running.device("left").packets
+            wait_until(lambda: running.device("left").packets > before)
+            port.unlink()
+            port.symlink_to(served.add("late", LAYOUT, 200.0))
+            wait_until(lambda: all_live(running))
+    assert running.error is None
+
+
+def test_an_optional_device_whose_port_is_refused_is_done_without(tmp_path):
+    with ServedDevices(CLOCK) as served:
+        setup = setup_of(served, ["left"], duration_s=0.3)
+        refused = DeviceSetup(name="odd", port=str(tmp_path), required=False)
+        setup = setup.model_copy(update={"devices": (*setup.devices, refused)})
+        outcome = Recorder(setup, tmp_path / "walk.imu-trial", CLOCK).run()
+    assert outcome.reason == "complete"
+
+
 class FillingFileSystem(OsFileSystem):
-    """A disk that is full from a moment on."""
+    """A disk that another program fills for a moment; then there is room for a last word."""
 
     full = False
 
     def write(self, descriptor, data):
         if self.full:
+            self.full = False
             raise OSError(errno.ENOSPC, "No space left on device")
         return super().write(descriptor, data)
 
@@ -278,7 +314,9 @@ def test_a_disk_that_fills_up_ends_the_recording_and_keeps_what_was_written(tmp_
             running.thread.join(PATIENCE_S)
         assert isinstance(running.error, StorageError)
         assert "is full" in str(running.error)
-    assert len(open_trial(path).imu("left")) > 10
+    trial = open_trial(path)
+    assert trial.ended == "disk_full"
+    assert len(trial.imu("left")) > 10
 
 
 def test_the_jig_is_recorded_and_parked_at_the_end(tmp_path):
@@ -384,9 +422,65 @@ def test_a_jig_that_comes_back_at_the_last_moment_is_parked_and_nothing_is_left_
     assert targets_sent(trial) == {0}
 
 
-def test_a_certificate_travels_with_the_trial(tmp_path, monkeypatch):
+def test_a_certificate_travels_with_the_trial_and_calibrates_it(tmp_path):
+    path = tmp_path / "walk.imu-trial"
+    with ServedDevices(CLOCK) as served:
+        setup = setup_of(served, ["left", "right"], duration_s=0.2)
+        left, right = setup.devices
+        certified = left.model_copy(update={"certificate": CERTIFICATE})
+        setup = setup.model_copy(update={"devices": (certified, right)})
+        Recorder(setup, path, CLOCK).run()
+    trial = open_trial(path)
+    affine = load_certificate(CERTIFICATE).accel
+    raw, calibrated = trial.imu("left"), trial.imu("left", calibrated=True)
+    assert len(raw) > 20
+    assert np.allclose(calibrated.accel, raw.accel @ np.array(affine.K).T - np.array(affine.b))
+    with pytest.raises(InputError, match="no certificate of 'right'"):
+        trial.imu("right", calibrated=True)
+
+
+def test_a_file_that_is_no_certificate_is_refused_before_any_port_is_opened(tmp_path):
     bad = tmp_path / "certificate.json"
     bad.write_text("{}")
     setup = TrialSetup(devices=(DeviceSetup(name="left", port="/dev/null", certificate=bad),))
     with pytest.raises(InputError, match="is not a certificate"):
         Recorder(setup, tmp_path / "walk.imu-trial", CLOCK)
+
+
+def test_a_battery_is_told_as_the_device_sends_it(tmp_path):
+    with ServedDevices(CLOCK) as served:
+        url = served.add("baro", "baro-16")
+        setup = TrialSetup(
+            devices=(DeviceSetup(name="baro", port=url, layout="baro-16"),), duration_s=0.3
+        )
+        outcome = Recorder(setup, tmp_path / "walk.imu-trial", CLOCK).run()
+    trial = open_trial(tmp_path / "walk.imu-trial")
+    sent, unit = trial.samples("baro").values["battery"], trial.samples("baro").units["battery"]
+    assert outcome.devices[0].supply == (("battery", sent[-1], unit),)
+    assert sent[-1] > 90  # fresh from the charger [%]
+
+
+def test_a_device_that_floods_its_port_with_garbage_costs_the_others_nothing(tmp_path):
+    """A megabyte per second that no packet can be found in, for some two seconds."""
+    path = tmp_path / "walk.imu-trial"
+    with ServedDevices(CLOCK, "tcp") as served:
+        setup = setup_of(served, ["left"])
+        noisy = served.add("noisy", LAYOUT, GARBAGE_BYTES_PER_S / LAYOUT.length)
+        served.garbage("noisy", True)
+        noisy = DeviceSetup(name="noisy", port=noisy, required=False)
+        with recording(
+            setup.model_copy(update={"devices": (*setup.devices, noisy)}), path
+        ) as running:
+            wait_until(lambda: running.statuses and running.device("noisy").state == "garbled")
+            tracemalloc.start()
+            began, kept = running.statuses[-1].file_bytes, tracemalloc.get_traced_memory()[0]
+            wait_until(lambda: running.statuses[-1].file_bytes > began + GARBAGE_BYTES)
+            kept = tracemalloc.get_traced_memory()[0] - kept
+            tracemalloc.stop()
+            assert running.device("left").state == "live"
+        assert_nothing_lost(served, path, "left")
+    assert kept < GARBAGE_BYTES / 4
+    assert running.outcome.unwritten_records == 0
+    trial = open_trial(path)
+    assert len(trial.wire("noisy").data) > GARBAGE_BYTES
+    assert len(trial.samples("noisy")) == 0
