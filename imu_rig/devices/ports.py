@@ -15,6 +15,7 @@ import os
 import select
 import socket
 import stat
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,9 +45,11 @@ CHUNK_BYTES = 65_536  # that one read returns at most
 READ_S = 0.05  # that a read waits for the first byte
 WRITE_S = 0.5  # until a device that takes no bytes is called lost
 CONNECT_S = 3.0  # for a network port to answer
+AT_ONCE_S = 1.0  # within which a network port hangs up on whoever is one too many
 
 MAESTRO_VENDOR = 0x1FFB
 USB = "usb:"
+NETWORK_SCHEMES = ("socket", "rfc2217")
 
 # SerialException is an OSError
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, *_TERMIOS_ERRORS)
@@ -239,8 +242,9 @@ def open_port(url: str, *, baud: int = DEFAULT_BAUD) -> Port:
     PortError
         If there is no such port, or it may not be opened, or is in use.
     """
-    if urlsplit(url).scheme == "socket":
-        return _SocketPort(url)
+    address = _network_address(url)
+    if address is not None and url.lower().startswith("socket:"):
+        return _SocketPort(url, address)
     device = find_usb(url) if url.startswith(USB) else url
     _check_device_file(device)
     try:
@@ -285,29 +289,14 @@ class _SerialPort(Port):
 class _SocketPort(Port):
     """A TCP connection; pyserial's own hands bytes over one by one and sleeps when closed."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, address: tuple[str, int]) -> None:
         super().__init__(url)
         try:
-            parts = urlsplit(url)
-            host, number = parts.hostname, parts.port
-        except ValueError:
-            host, number = None, None
-        if not host or number is None:
-            raise PortError(
-                f"{url} is no network port: write socket://HOST:PORT, for example "
-                "socket://192.168.4.1:3000."
-            )
-        try:
-            self._socket = socket.create_connection((host, number), timeout=CONNECT_S)
-        except ConnectionRefusedError as error:
-            raise PortMissing(
-                f"{url} refused the connection: nothing listens there; start the device or the "
-                "simulator and check host and port."
-            ) from error
+            self._socket = socket.create_connection(address, timeout=CONNECT_S)
         except OSError as error:
-            raise PortMissing(
-                f"{url} cannot be reached ({reason_of(error)}): check host, port and network."
-            ) from error
+            raise _not_reached(url, error) from error
+        self._opened_s = time.monotonic()
+        self._heard = False
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(WRITE_S)
 
@@ -315,9 +304,18 @@ class _SocketPort(Port):
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
         if not ready:
             return b""
-        data = self._socket.recv(CHUNK_BYTES)
+        try:
+            data = self._socket.recv(CHUNK_BYTES)
+        except ConnectionResetError:
+            data = b""
         if not data:
+            if not self._heard and time.monotonic() - self._opened_s < AT_ONCE_S:
+                raise DeviceLost(
+                    f"{self.url} closed the connection at once: another program may hold it; "
+                    "close it there (another imu-rig, or another device of this recording)."
+                )
             raise ConnectionResetError("the other end closed the connection")
+        self._heard = True
         return data
 
     def _write(self, data: bytes) -> None:
@@ -328,6 +326,37 @@ class _SocketPort(Port):
 
     def _close(self) -> None:
         self._socket.close()
+
+
+def _network_address(url: str) -> tuple[str, int] | None:
+    """Return host and number of a network port; None for any other port."""
+    scheme = url.partition(":")[0].lower()
+    if scheme not in NETWORK_SCHEMES:
+        return None
+    try:
+        parts = urlsplit(url)
+        host, number = parts.hostname, parts.port
+    except ValueError:
+        host, number = None, None
+    if not host or number is None:
+        raise PortError(
+            f"{url} is no network port: write {scheme}://HOST:PORT, for example "
+            f"{scheme}://192.168.4.1:3000."
+        )
+    return host, number
+
+
+def _not_reached(url: str, error: Exception) -> PortMissing:
+    """Say why a network port did not open."""
+    if _errno(error) == errno.ECONNREFUSED:
+        return PortMissing(
+            f"{url} refused the connection: nothing listens there; start the device or the "
+            "simulator and check host and port."
+        )
+    cause = error.__context__ if isinstance(error.__context__, OSError) else error
+    return PortMissing(
+        f"{url} cannot be reached ({reason_of(cause)}): check host, port and network."
+    )
 
 
 def _check_device_file(url: str) -> None:
@@ -347,6 +376,8 @@ def _check_device_file(url: str) -> None:
 def _not_opened(url: str, baud: int, error: Exception) -> PortError:
     """Say in one sentence why a port did not open and what to do."""
     number = _errno(error)
+    if _network_address(url) is not None:
+        return _not_reached(url, error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or isinstance(error, FileNotFoundError):
         return PortMissing(
             f"There is no port {url}: plug the device in and switch it on; {_ports_sentence()}"

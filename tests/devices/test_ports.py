@@ -3,6 +3,7 @@
 import os
 import select
 import socket
+import struct
 import threading
 import time
 import tty
@@ -15,7 +16,7 @@ from imu_rig.clock import SystemClock
 from imu_rig.devices import ports
 from imu_rig.devices.ports import open_port
 from imu_rig.devices.reader import PortReader
-from imu_rig.errors import DeviceLost, PortError
+from imu_rig.errors import DeviceLost, PortError, PortMissing
 
 PATIENCE_S = 10.0
 
@@ -110,6 +111,20 @@ def test_the_same_over_a_socket():
         port.close()
 
 
+@pytest.mark.parametrize("linger_s", [None, 0], ids=["closed", "reset"])
+def test_a_network_port_that_hangs_up_at_once_may_be_held_by_another_program(linger_s):
+    """What a recorder sees that comes second to a device with one connection."""
+    with server() as (listening, url):
+        port = open_port(url)
+        other, _ = listening.accept()
+        if linger_s is not None:
+            other.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, linger_s))
+        other.close()
+        with pytest.raises(DeviceLost, match=f"{url} closed the connection at once: another"):
+            read_all(port, 1)
+        port.close()
+
+
 def test_pyserials_other_urls_work_too():
     port = open_port("loop://")
     port.write(b"\x00\xff")
@@ -168,22 +183,23 @@ def test_a_device_that_is_no_terminal_is_refused():
         open_port("/dev/null")
 
 
-@pytest.mark.parametrize(
-    "url", ["socket://localhost", "socket://:80", "socket://host:port", "socket://host:99999"]
-)
-def test_bad_network_ports_are_explained(url):
-    with pytest.raises(PortError, match="socket://HOST:PORT"):
-        open_port(url)
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+@pytest.mark.parametrize("rest", ["", "localhost", ":80", "host:port", "host:99999", "[::1"])
+def test_bad_network_ports_are_explained(scheme, rest):
+    with pytest.raises(PortError, match=f"write {scheme}://HOST:PORT") as caught:
+        open_port(f"{scheme}://{rest}")
+    assert "None" not in str(caught.value)
 
 
-def test_nobody_listening_is_explained():
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_nobody_listening_is_explained(scheme):
     with server() as (_, url):
         pass
-    with pytest.raises(PortError, match="refused the connection"):
-        open_port(url)
+    with pytest.raises(PortMissing, match="refused the connection: nothing listens there"):
+        open_port(url.replace("socket", scheme))
 
 
-@pytest.mark.parametrize("url", ["", "nonsense://x", "/dev", "\0", "rfc2217://"])
+@pytest.mark.parametrize("url", ["", "nonsense://x", "/dev", "\0", "[::1", "http://[::1"])
 def test_any_other_text_ends_in_a_port_error(url):
     with pytest.raises(PortError):
         open_port(url)
