@@ -10,6 +10,9 @@ import numpy as np
 
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
 
+INERTIAL_FIELDS = ("accel", "gyro")
+"""Whatever has one of them is an inertial sensor."""
+
 
 @dataclass(frozen=True)
 class ImuBlock:
@@ -104,6 +107,11 @@ class Samples:
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.t)
+
+    @property
+    def is_inertial(self) -> bool:
+        """Whether an accelerometer or a gyroscope is among the values, in whatever unit."""
+        return any(name in self.values for name in INERTIAL_FIELDS)
 
     def __getitem__(self, rows: slice | AnyArray) -> Samples:
         """Return the samples that ``rows`` (a slice, mask or index array) selects."""

@@ -7,6 +7,7 @@ import numpy as np
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import values
 from imu_rig.arrays import FloatArray, StructArray
+from imu_rig.blocks import INERTIAL_FIELDS
 from imu_rig.errors import InputError
 from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, TEMPERATURE_UNITS
 
@@ -19,6 +20,11 @@ _UNITS = {
 _SI_UNITS = {"accel": "m/s2", "gyro": "rad/s", "mag": "uT", "temperature": "degC"}
 
 
+def is_inertial(layout: PacketLayout) -> bool:
+    """Whether packets hold an accelerometer or a gyroscope: their fields are called so."""
+    return any(layout.has(name) for name in INERTIAL_FIELDS)
+
+
 def si_factors(layout: PacketLayout) -> dict[str, float]:
     """Return SI units per unit of the layout, by the name of the field.
 
@@ -27,7 +33,7 @@ def si_factors(layout: PacketLayout) -> dict[str, float]:
     InputError
         If the layout holds neither accelerometer nor gyroscope, or a field of unknown unit.
     """
-    if not (layout.has("accel") or layout.has("gyro")):
+    if not is_inertial(layout):
         raise InputError(
             f"Packet layout {layout.name} has neither a field accel nor a field gyro: name the "
             "fields that hold the accelerometer and the gyroscope so."
@@ -73,7 +79,7 @@ def si_values(
     columns = {name: values(layout, rows, name) for name in factors}
     for name, factor in factors.items():
         columns[name] *= factor
-    for name in ("accel", "gyro"):
+    for name in INERTIAL_FIELDS:
         if name not in columns:
             columns[name] = np.full((len(rows), 3), np.nan)
     return columns
@@ -102,4 +108,4 @@ def field_values(
 
 def watched_fields(layout: PacketLayout) -> tuple[str, ...]:
     """Return the fields whose counts change all the time while a sensor measures."""
-    return tuple(name for name in ("accel", "gyro") if layout.has(name))
+    return tuple(name for name in INERTIAL_FIELDS if layout.has(name))

@@ -2,57 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from firmware_protocols.layout import PacketLayout
-from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.imu_scaling import field_values, si_factors, si_values, watched_fields
-from imu_rig.packet_stream import (
-    AssembledPackets,
-    PacketBlock,
-    PacketStream,
-    StreamStats,
-    assemble_packets,
-)
+from imu_rig.packet_stream import PacketBlock, PacketStream, StreamStats
 from imu_rig.timing.clock_fit import ClockFit
-from imu_rig.timing.sample_order import TimeSource
-
-
-@dataclass(frozen=True)
-class Assembled:
-    """A whole recording decoded.
-
-    Attributes
-    ----------
-    block : ImuBlock
-    stats : StreamStats
-    time_source : str
-        What the samples' times rest on: "device clock", "packet counter" or "arrival".
-    fits : tuple of ClockFit
-        One for each stretch between restarts.
-    """
-
-    block: ImuBlock
-    stats: StreamStats
-    time_source: TimeSource
-    fits: tuple[ClockFit, ...]
-
-    @property
-    def time_problem(self) -> str | None:
-        """Why the times cannot be right, as a sentence without its stop; None where they can."""
-        asked = [fit.impossible_skew for fit in self.fits if fit.impossible_skew is not None]
-        if not asked:
-            return None
-        clock, cure = "count of samples", "rate"
-        if self.time_source == "device clock":
-            clock, cure = "clock", "clock tick"
-        return (
-            f"the sensor's {clock} and the computer's clock disagree by "
-            f"{100.0 * max(asked, key=abs):+.3g} %, more than any clock errs, so the times of the "
-            "samples are wrong: the computer was too busy to read the sensor, or the "
-            f"{cure} in the layout is wrong; put that right and record anew"
-        )
 
 
 class ImuStream:
@@ -126,37 +80,12 @@ def imu_block(layout: PacketLayout, packets: PacketBlock) -> ImuBlock:
     return _imu_block(layout, si_factors(layout), packets)
 
 
-def samples_of(layout: PacketLayout, packets: PacketBlock) -> Samples:
+def packet_samples(layout: PacketLayout, packets: PacketBlock) -> Samples:
     """Return packets of any device as samples, with all that the layout names in them."""
     columns, units = field_values(layout, packets.rows)
     return Samples(
         packets.t, packets.host_s, packets.device_s, packets.counter, values=columns, units=units
     )
-
-
-def assemble(layout: PacketLayout, data: bytes, stops: IntArray, arrival_s: FloatArray) -> ImuBlock:
-    """Decode a whole recording of one sensor; see `assemble_all` for its statistics as well."""
-    return assemble_all(layout, data, stops, arrival_s).block
-
-
-def assemble_all(
-    layout: PacketLayout, data: bytes, stops: IntArray, arrival_s: FloatArray
-) -> Assembled:
-    """Decode a whole recording of one sensor; parameters as for `assemble_packets`.
-
-    Raises
-    ------
-    InputError
-        If the layout holds neither accelerometer nor gyroscope, or the pieces do not cover the
-        data.
-    """
-    return imu_assembled(layout, assemble_packets(layout, data, stops, arrival_s))
-
-
-def imu_assembled(layout: PacketLayout, packets: AssembledPackets) -> Assembled:
-    """Return a decoded recording as that of an inertial sensor; raises as `imu_block`."""
-    block = imu_block(layout, packets.block)
-    return Assembled(block, packets.stats, packets.time_source, packets.fits)
 
 
 def _imu_block(layout: PacketLayout, factors: dict[str, float], packets: PacketBlock) -> ImuBlock:

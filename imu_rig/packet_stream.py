@@ -148,9 +148,25 @@ class AssembledPackets:
 
         Infinite where there are no packets, or where their times cannot be right.
         """
-        if not self.fits or any(fit.impossible_skew is not None for fit in self.fits):
+        if not self.fits or self.time_problem is not None:
             return math.inf
         return max(fit.sigma_s for fit in self.fits)
+
+    @property
+    def time_problem(self) -> str | None:
+        """Why the times cannot be right, as a sentence without its stop; None where they can."""
+        asked = [fit.impossible_skew for fit in self.fits if fit.impossible_skew is not None]
+        if not asked:
+            return None
+        clock, cure = "count of samples", "rate"
+        if self.time_source == "device clock":
+            clock, cure = "clock", "clock tick"
+        return (
+            f"the sensor's {clock} and the computer's clock disagree by "
+            f"{100.0 * max(asked, key=abs):+.3g} %, more than any clock errs, so the times of the "
+            "samples are wrong: the computer was too busy to read the sensor, or the "
+            f"{cure} in the layout is wrong; put that right and record anew"
+        )
 
 
 class PacketStream:

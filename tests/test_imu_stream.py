@@ -12,7 +12,8 @@ from firmware_protocols.layout import Checksum, Field, PacketLayout, load_layout
 from firmware_protocols.packets import encode
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import InputError
-from imu_rig.imu_stream import ImuStream, assemble, assemble_all
+from imu_rig.imu_stream import ImuStream, imu_block
+from imu_rig.packet_stream import assemble_packets
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 MPU = load_layout("mpu9150-28")
@@ -64,7 +65,13 @@ def feed_each(stream, pieces, arrival_s, together=1):
 
 def whole(layout, pieces, arrival_s):
     stops = np.cumsum([len(p) for p in pieces])
-    return assemble_all(layout, b"".join(pieces), stops, np.asarray(arrival_s))
+    return assembled(layout, b"".join(pieces), stops, np.asarray(arrival_s))
+
+
+def assembled(layout, data, stops, arrival_s):
+    """Everything that is known of a whole recording, its samples in SI units."""
+    packets = assemble_packets(layout, data, stops, arrival_s)
+    return replace(packets, block=imu_block(layout, packets.block))
 
 
 def on_time(number, *, rate_hz=100.0, first=0):
@@ -341,12 +348,12 @@ def test_identical_samples_are_noticed():
 
 
 def test_an_empty_recording_is_an_empty_block():
-    assert len(assemble(MPU, b"", np.empty(0, np.int64), np.empty(0))) == 0
+    assert len(assembled(MPU, b"", np.empty(0, np.int64), np.empty(0)).block) == 0
 
 
 def test_pieces_must_cover_the_data():
     with pytest.raises(InputError, match="end at byte 3, its data at byte 5"):
-        assemble(MPU, b"12345", np.array([3]), np.array([0.0]))
+        assembled(MPU, b"12345", np.array([3]), np.array([0.0]))
 
 
 def test_a_clock_that_cannot_be_right_is_said_and_one_that_can_is_not():

@@ -122,14 +122,9 @@ def _fields(trial: Trial, name: str) -> set[str]:
     return {str(field.get("name")) for field in listed if isinstance(field, dict)}
 
 
-def _imus(trial: Trial, names: list[str]) -> list[str]:
-    """Tell which of the devices send an accelerometer's or a gyroscope's values."""
-    return [name for name in names if {"accel", "gyro"} & _fields(trial, name)]
-
-
 def _kept_certificates(trial: Trial, names: list[str]) -> dict[str, Certificate]:
     """Return the certificates that were recorded with the sensors, and say which have none."""
-    imus = _imus(trial, names)
+    imus = [name for name in names if name in trial.imus]
     with_one = [name for name in imus if "certificate" in trial.source(name).descriptor]
     if not with_one:
         raise InputError(
@@ -154,7 +149,7 @@ def _given_certificate(
     from imu_rig.cli.info import recorded_device
 
     certificate = load_certificate(path)
-    imus = _imus(trial, names)
+    imus = [name for name in names if name in trial.imus]
     if len(imus) != 1:
         raise InputError(
             f"A certificate is of one sensor, and {len(imus)} inertial sensors are to be exported "
@@ -226,6 +221,7 @@ def _facts(data: TrialData, to: str, files: list[Path], notes: list[str]) -> dic
                 "time_uncertainty_s": (
                     summary.time_uncertainty_s if isfinite(summary.time_uncertainty_s) else None
                 ),
+                "time_problem": summary.time_problem,
             }
             for name, summary in summaries.items()
         },

@@ -100,11 +100,10 @@ def _source_facts(trial: Trial, name: str) -> dict[str, Any]:
     source = trial.sources[name]
     wire = trial.wire(name)
     facts: dict[str, Any] = {"kind": source.kind, "bytes received": len(wire.data)}
-    if source.kind == "imu":
-        assembled = trial.imu_assembled(name)
-        block = assembled.block
-        if assembled.time_problem is not None:
-            facts["wrong times"] = assembled.time_problem
+    if name in trial.imus:
+        block, problem = trial.imu(name), trial.time_problem(name)
+        if problem is not None:
+            facts["wrong times"] = problem
         facts["samples"] = len(block)
         if len(block) > 1:
             span = float(block.t[-1] - block.t[0])
@@ -139,7 +138,7 @@ def require_one_imu(trial: Trial, name: str | None) -> str:
     InputError
         If there is none by that name, or several to choose from.
     """
-    sensors = [n for n, source in trial.sources.items() if source.kind == "imu"]
+    sensors = trial.imus
     if name is not None:
         if name not in sensors:
             raise InputError(

@@ -18,8 +18,7 @@ def session_summary(trial: Trial) -> SessionSummary:
         If the trial holds no session that makes sense.
     """
     session = read_session(trial)
-    assembled = trial.imu_assembled(IMU_SOURCE)
-    t = assembled.block.t
+    t, stats = trial.imu(IMU_SOURCE).t, trial.stream_statistics(IMU_SOURCE)
     return SessionSummary(
         protocol=session.protocol.name,
         protocol_title=session.protocol.title,
@@ -29,8 +28,8 @@ def session_summary(trial: Trial) -> SessionSummary:
         duration_s=trial.duration_s,
         recoveries=session.recoveries,
         notices=session.notices,
-        good=assembled.stats.good,
-        lost=assembled.stats.lost,
-        corrupt=assembled.stats.corrupt,
+        good=stats.good,
+        lost=stats.lost,
+        corrupt=stats.corrupt,
         rate_hz=float(1.0 / np.median(np.diff(t))) if len(t) > 2 else None,
     )

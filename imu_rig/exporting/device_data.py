@@ -105,11 +105,6 @@ class DeviceData:
         return first + [name for name in there if name not in first]
 
     @property
-    def is_inertial(self) -> bool:
-        """Whether it measures specific force or angular rate."""
-        return bool({"accel", "gyro"} & set(inertial_fields(self.samples)))
-
-    @property
     def columns(self) -> list[Column]:
         """Every measured number, as columns."""
         found: list[Column] = []
@@ -248,7 +243,7 @@ class TrialData:
             missing=tuple(trial.missing(name)),
             start_utc_ns=trial.start_utc_ns,
             time_uncertainty_s=trial.time_uncertainty_s(name),
-            time_problem=self._time_problem(name, samples),
+            time_problem=trial.time_problem(name),
         )
         self.summaries[name] = Summary(
             device.key,
@@ -265,16 +260,6 @@ class TrialData:
     def leave_out(self, name: str) -> None:
         """Take a device that a format cannot hold out of what was exported."""
         del self.summaries[name]
-
-    def _time_problem(self, name: str, samples: Samples) -> str | None:
-        """Ask the trial, which knows it of inertial sensors in known units."""
-        fields = inertial_fields(samples)
-        known = [*fields, *(["temperature"] if temperature(samples) is not None else [])]
-        if not {"accel", "gyro"} & set(fields) or any(
-            name in samples.values and name not in known for name in FIRST_FIELDS
-        ):
-            return None
-        return self.trial.imu_assembled(name).time_problem
 
     @property
     def chosen_keys(self) -> list[str]:
@@ -351,7 +336,7 @@ def calibrate(samples: Samples, certificate: Certificate) -> tuple[Samples, tupl
         If the samples are of no inertial sensor.
     """
     fields = inertial_fields(samples)
-    if not {"accel", "gyro"} & set(fields):
+    if not (samples.is_inertial and fields):
         raise InputError("A certificate is of an inertial sensor, and this device is none.")
     known = {name: samples.values[name] for name in fields}
     nothing = np.full((len(samples), 3), np.nan)

@@ -105,7 +105,7 @@ def write_mcap(data: TrialData, place: Place, output: Output) -> None:
 
 
 def _write_device(writer: Writer, device: DeviceData, output: Output) -> None:
-    topic = f"/{device.key}/{'imu' if device.is_inertial else 'samples'}"
+    topic = f"/{device.key}/{'imu' if device.samples.is_inertial else 'samples'}"
     schema = writer.register_schema(f"imu_rig.{device.key}", "jsonschema", _json(schema_of(device)))
     about = {
         "device": device.name,

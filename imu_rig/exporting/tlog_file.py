@@ -98,7 +98,8 @@ def _in_order(streams: list[_Stream], output: Output) -> Iterator[tuple[int, byt
 def _stream(device: DeviceData, number: int, output: Output) -> _Stream | None:
     samples, inertial = device.samples, inertial_fields(device.samples)
     pressure, celsius = _pressure_hpa(device), temperature(samples)
-    held = set(inertial) if device.is_inertial else set()
+    is_inertial = samples.is_inertial and len(inertial) > 0
+    held = set(inertial) if is_inertial else set()
     if pressure is not None:
         held.add("pressure")
     if celsius is not None and held:
@@ -110,7 +111,7 @@ def _stream(device: DeviceData, number: int, output: Output) -> _Stream | None:
             f"{device.name}: MAVLink has no place for {', '.join(left_out)}; left out."
         )
     sender = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=FIRST_COMPONENT + number)
-    if device.is_inertial:
+    if is_inertial:
         columns = {name: samples.values[name] for name in inertial}
         return _imu_stream(sender, number, device, columns, pressure, celsius)
     if pressure is not None:

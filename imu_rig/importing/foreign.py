@@ -11,8 +11,6 @@ from imu_rig.arrays import BoolArray, FloatArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.errors import InputError
 
-IMU_FIELDS = ("accel", "gyro")
-
 
 @dataclass(frozen=True)
 class Reference:
@@ -95,7 +93,7 @@ class ForeignRecording:
     @property
     def sensors(self) -> list[str]:
         """Names of the streams with an accelerometer or a gyroscope."""
-        return [name for name, s in self.streams.items() if is_imu(s)]
+        return [name for name, s in self.streams.items() if s.is_inertial]
 
     def imu(self, name: str | None = None) -> ImuBlock:
         """Return the samples of a sensor, by name where there are several.
@@ -133,12 +131,7 @@ class ForeignRecording:
         )
 
 
-def is_imu(samples: Samples) -> bool:
-    """Whether there is an accelerometer or a gyroscope among the values."""
-    return any(name in samples.values for name in IMU_FIELDS)
-
-
-def samples_of(block: ImuBlock, *, without_gyro: bool = False) -> Samples:
+def block_samples(block: ImuBlock, *, without_gyro: bool = False) -> Samples:
     """Return a block as samples by field."""
     values = {"accel": block.accel}
     units = {"accel": "m/s2"}

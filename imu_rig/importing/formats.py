@@ -10,7 +10,7 @@ from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line
 from imu_rig.importing import broad, pyshoe, tables, xio, xsens
 from imu_rig.importing.column_map import ColumnMap
-from imu_rig.importing.foreign import ForeignRecording, is_imu
+from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.importing.guess import refuse_contradiction
 from imu_rig.importing.matlab_file import (
     MatlabFile,
@@ -123,7 +123,7 @@ def load_foreign(
         recording = xio.load(source)
     units: dict[Kind, str | None] = {"accel": "m/s2", "gyro": "rad/s"}
     for stream, samples in recording.streams.items():
-        if is_imu(samples) and "accel" in samples.values:
+        if samples.is_inertial and "accel" in samples.values:
             shown = str(source) if len(recording.sensors) == 1 else f"{source} ({stream})"
             refuse_contradiction(shown, recording.imu(stream), units)
     return recording

@@ -12,7 +12,7 @@ from imu_rig.importing.column_map import (
     SensorColumns,
     recognize_sets,
 )
-from imu_rig.importing.foreign import ForeignRecording, samples_of
+from imu_rig.importing.foreign import ForeignRecording, block_samples
 from imu_rig.importing.read_table import read_table
 from imu_rig.importing.text_table import Form, detect_form
 from imu_rig.importing.unit_text import Kind
@@ -44,7 +44,7 @@ def load(path: Path, columns: ColumnMap) -> ForeignRecording:
         except InputError as error:
             raise (InputError(f"{name}: {error}") if len(maps) > 1 else error) from error
         without = not np.any(block.gyro)
-        streams[name] = samples_of(block, without_gyro=without)
+        streams[name] = block_samples(block, without_gyro=without)
         if without:
             notes.append(f"{name} has no gyroscope")
     return ForeignRecording(NAME, (path,), streams, notes=tuple(notes))

@@ -25,7 +25,7 @@ from imu_rig.blocks import Samples
 from imu_rig.clock import NS_PER_S, SteppedClock
 from imu_rig.errors import InputError, StorageError, reason_of
 from imu_rig.foreign_text import one_line
-from imu_rig.importing.foreign import ForeignRecording, is_imu
+from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.storage import FileSystem, OsFileSystem
 from imu_rig.recording.writer import TrialWriter
@@ -195,7 +195,7 @@ def _sources(recording: ForeignRecording, name: str | None) -> list[_Source]:
     alone = len(recording.streams) == 1
     for stream, samples in recording.streams.items():
         wanted = stream if name is None else name if alone else f"{name}-{stream}"
-        kind = "imu" if is_imu(samples) else next(iter(samples.values), "sensor")
+        kind = "imu" if samples.is_inertial else next(iter(samples.values), "sensor")
         sources.append(_source(one_line(wanted, LONGEST_NAME) or "sensor", kind, samples))
     if recording.reference is not None:
         truth = recording.reference

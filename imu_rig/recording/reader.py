@@ -265,13 +265,12 @@ class Trial:
             If the trial has no such source, one without a readable packet layout or without
             accelerometer and gyroscope, or no certificate to calibrate by.
         """
-        layout, packets = self._packets(name)
-        block = imu_block(layout, packets.block)
         if not calibrated:
-            return block
+            layout, packets = self._packets(name)
+            return imu_block(layout, packets.block)
         from imu_rig.calibration.certificate import apply_certificate
 
-        return apply_certificate(self.certificate(name), block)
+        return apply_certificate(self.certificate(name), self.imu(name))
 
     def certificate(self, name: str) -> Certificate:
         """Return the certificate of a sensor that was recorded with the trial.

@@ -12,7 +12,8 @@ from imu_rig.clock import ScaledClock, SystemClock
 from imu_rig.devices import stream_device
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.errors import DeviceLost, PortError
-from imu_rig.imu_stream import ImuStream, assemble_all
+from imu_rig.imu_stream import ImuStream, imu_block
+from imu_rig.packet_stream import assemble_packets
 from imu_rig.units import STANDARD_GRAVITY
 from simulators.models import FirmwareModel
 from simulators.rig import RigConfig, SimulatedRig
@@ -68,11 +69,11 @@ def test_samples_come_in_order_at_their_rate_and_every_byte_passes_the_tap(trans
     assert imu.health.error == f"foot on {imu.url} is stopped."
 
     data = b"".join(piece for _, piece in tapped)
-    recorded = assemble_all(
-        MPU, data, np.cumsum([len(p) for _, p in tapped]), np.array([t for t, _ in tapped]) / 1e9
-    )
-    np.testing.assert_array_equal(recorded.block.accel[: len(block)], block.accel)
-    np.testing.assert_array_equal(recorded.block.host_s[: len(block)], block.host_s)
+    stops = np.cumsum([len(p) for _, p in tapped])
+    packets = assemble_packets(MPU, data, stops, np.array([t for t, _ in tapped]) / 1e9)
+    recorded = imu_block(MPU, packets.block)
+    np.testing.assert_array_equal(recorded.accel[: len(block)], block.accel)
+    np.testing.assert_array_equal(recorded.host_s[: len(block)], block.host_s)
 
 
 def test_times_over_the_simulated_radio_are_good_to_2_ms_after_half_a_minute():
@@ -99,7 +100,8 @@ def test_times_over_the_simulated_radio_are_good_to_2_ms_after_half_a_minute():
     assert np.std(error(live)[late]) < 2e-3
     stops = np.cumsum([len(p) for _, p in pieces])
     arrival = np.array([t for t, _ in pieces]) / 1e9
-    recorded = assemble_all(MPU, b"".join(p for _, p in pieces), stops, arrival).block
+    packets = assemble_packets(MPU, b"".join(p for _, p in pieces), stops, arrival)
+    recorded = imu_block(MPU, packets.block)
     assert np.std(error(recorded)) < 2e-3
     assert recorded.t.shape == live.t.shape
 

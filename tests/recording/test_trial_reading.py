@@ -197,7 +197,7 @@ def test_every_lost_packet_is_told_by_number_and_place(tmp_path_factory, lost, l
     for gap, (a, b) in zip(missing, jumps, strict=True):
         assert gap.start_s == samples.t[kept.index(a)]
         assert gap.stop_s == samples.t[kept.index(b)]
-    assert sum(gap.samples for gap in missing) == trial.imu_assembled("shoe").stats.lost
+    assert sum(gap.samples for gap in missing) == trial.stream_statistics("shoe").lost
 
 
 def test_the_recorder_says_why(desk):
@@ -284,7 +284,7 @@ def test_packets_that_come_twice_are_read_once(desk):
     trial = made.trial()
     assert np.array_equal(trial.samples("shoe").counter, np.arange(100))
     assert trial.missing("shoe") == []
-    assert trial.imu_assembled("shoe").stats.duplicates == len(range(3, 100, 7))
+    assert trial.stream_statistics("shoe").duplicates == len(range(3, 100, 7))
 
 
 def test_silence_of_a_device_without_counter_and_clock_is_told(desk):
