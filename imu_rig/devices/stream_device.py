@@ -47,8 +47,11 @@ class StreamHealth:
     rate_hz : float
         Samples per second that the device makes, by its own clock, over the last two seconds;
         0 until there are enough and after two seconds without.
-    last_packet_age_s, last_byte_age_s : float
-        Since the last good packet and the last byte, or since the port was opened.
+    last_packet_age_s : float
+        Since the last good packet, however often the port was opened after it; before the first
+        since the port was opened.
+    last_byte_age_s : float
+        Since the last byte, or since the port was opened.
     lag_s : float
         How much later than usual the freshest data of the last second arrived.
     stuck : bool
@@ -201,8 +204,12 @@ class StreamDevice(Generic[Block]):
         self._reader = reader
         self._address = self._address or usb_address(self.url)
         self._raised = False
+        with self._lock:
+            ever_heard = self._stream.stats.good > 0
         with self._arrived:
-            self._opened_ns = self._byte_ns = self._packet_ns = self._clock.now_ns()
+            self._opened_ns = self._byte_ns = self._clock.now_ns()
+            if not ever_heard:
+                self._packet_ns = self._opened_ns
             self._raw.clear()
             self._raw_bytes = 0
 
@@ -298,6 +305,12 @@ class StreamDevice(Generic[Block]):
         return self._reader is not None and self._reader.alive
 
     @property
+    def opened_ns(self) -> int:
+        """When the port was opened last, host clock [ns]."""
+        with self._arrived:
+            return self._opened_ns
+
+    @property
     def last_byte_ns(self) -> int:
         """When the last byte came, or the port was opened, host clock [ns]."""
         with self._arrived:
@@ -353,10 +366,8 @@ class StreamDevice(Generic[Block]):
         block = self._stream.feed_many(chunks)
         if self._stream.stats.good > good:
             with self._arrived:
-                self._packet_ns = max(
-                    self._opened_ns,
-                    int(block.host_s.max() * NS_PER_S) if len(block) else chunks[-1][0],
-                )
+                came_s = block.host_s.max() if len(block) else chunks[-1][0] / NS_PER_S
+                self._packet_ns = max(self._packet_ns, int(came_s * NS_PER_S))
         if len(block):
             self._keep(block)
 

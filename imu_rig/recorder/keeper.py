@@ -188,13 +188,14 @@ class DeviceKeeper:
         self._take_packets()
         health = self._health
         byte_age_s = (now - self.device.last_byte_ns) / NS_PER_S
+        open_s = (now - self.device.opened_ns) / NS_PER_S
         if not self.device.running:
             self._show("lost" if self._heard else "waiting")
         elif health.good and health.last_packet_age_s <= self._silent_s:
             self._show("live")
         elif byte_age_s > self._silent_s:
             self._doubt("silent", now)
-        elif health.last_packet_age_s > self._unreadable_s:
+        elif min(health.last_packet_age_s, open_s) > self._unreadable_s:
             self._doubt("garbled", now)
         else:  # opened a moment ago, or the first half second of trouble
             self._show(self._status.state)
