@@ -154,6 +154,7 @@ class JigKeeper:
                 self._answered(self._jig.reported())
             except DeviceError as error:
                 self._missed(error)
+        self._maestro.stop_script()  # it could drive the jig away again
         self._jig.park_blind(self._held)
         self._told = True
         self._trial.event("parking", jig=self._config.name)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from firmware_protocols.packets import values
 from imu_rig.clock import NS_PER_S, Clock
 from imu_rig.devices.stream_device import PacketDevice, StreamHealth
-from imu_rig.errors import DeviceLost, ImuRigError, PortMissing
+from imu_rig.errors import DeviceLost, ImuRigError, PortError, PortMissing
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.setup import DeviceSetup
 from imu_rig.recorder.status import DeviceState, DeviceStatus
@@ -17,10 +17,10 @@ from imu_rig.recording.writer import TrialWriter
 
 # Constants of time.
 WATCH_S = 0.1  # between looks at a port
-DECODE_S = 0.25  # between looks at what it sent
+DECODE_S = 0.2  # between looks at what it sent
 STATISTICS_S = 1.0  # between records of how it does
-SILENT_S = 0.7  # without a byte, or five periods of a slow device: something is wrong
-UNREADABLE_S = 1.5  # of bytes without a packet, likewise
+SILENT_S = 0.6  # without a byte, or five periods of a slow device: something is wrong
+UNREADABLE_S = 0.7  # of bytes without a packet, likewise
 PERIODS = 5
 RETRY_S = 0.25  # between attempts to open a port that has gone
 REVIVE_S = 2.0  # of silence before an open port is opened again, then twice as long each time ...
@@ -146,11 +146,19 @@ class DeviceKeeper:
         self._stopping.wait(seconds / float(getattr(self._clock, "speed", 1.0)))
 
     def _open_first(self) -> None:
-        """Open the port, waiting for one that is not there; anything else is final."""
+        """Open the port, waiting for one that is not there.
+
+        A port that is refused is final only for a required device, at the first attempt: nobody
+        walks yet. Later it may be busy for a moment, as when another program looks at what was
+        plugged in, and must not cost the others anything.
+        """
         while not self._stopping.is_set():
             try:
                 self.device.start()
-            except PortMissing as error:
+            except PortError as error:
+                first = not self.tried.is_set()
+                if first and self.setup.required and not isinstance(error, PortMissing):
+                    raise
                 self._problem = str(error)
                 self._show("waiting")
                 self.tried.set()
@@ -206,11 +214,10 @@ class DeviceKeeper:
             self._asked_ns = now
             self._problem = self.device.identify_problem() or self._problem
         if self._heard and self._gap is None:
+            what = "nothing" if state == "silent" else "nothing that can be read"
             self._problem = self._problem or (
-                f"{self.setup.name} on {self.setup.port} sends nothing any more: check its power, "
+                f"{self.setup.name} on {self.setup.port} sends {what} any more: check its power, "
                 "its cable or Bluetooth link."
-                if state == "silent"
-                else self.device.identify_problem()
             )
             self._begin_gap(state)
         self._show(state if self._heard or state == "garbled" else "waiting")
