@@ -52,6 +52,11 @@ class ImuBlock:
         """Return the number of samples."""
         return int(self.t.shape[0])
 
+    def __repr__(self) -> str:
+        """Return one line; the numbers are in the columns."""
+        there = [f.name for f in fields(self) if getattr(self, f.name) is not None]
+        return in_a_line("ImuBlock", self.t, there)
+
     def __getitem__(self, rows: slice | AnyArray) -> ImuBlock:
         """Return the samples that ``rows`` (a slice, mask or index array) selects."""
         columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -108,6 +113,12 @@ class Samples:
         """Return the number of samples."""
         return len(self.t)
 
+    def __repr__(self) -> str:
+        """Return one line; the numbers are in the columns."""
+        own = [n for n in ("t", "host_s", "device_s", "counter") if getattr(self, n) is not None]
+        measured = [f"{n} [{self.units[n]}]" if self.units.get(n) else n for n in self.values]
+        return in_a_line("Samples", self.t, [*own, *measured])
+
     @property
     def is_inertial(self) -> bool:
         """Whether an accelerometer or a gyroscope is among the values, in whatever unit."""
@@ -123,3 +134,9 @@ class Samples:
             {name: numbers[rows] for name, numbers in self.values.items()},
             dict(self.units),
         )
+
+
+def in_a_line(name: str, t: FloatArray, what: Sequence[str], rows: str = "rows") -> str:
+    """Tell a table with times in one line: how many rows, from when to when [s], and of what."""
+    when = f", t {t[0]:.3f} to {t[-1]:.3f} s" if len(t) else ""
+    return f"<{name}: {len(t)} {rows}{when}, {', '.join(what)}>"

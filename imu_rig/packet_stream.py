@@ -22,6 +22,7 @@ from firmware_protocols.decoder import Packets, StreamDecoder
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts
 from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray, StructArray
+from imu_rig.blocks import in_a_line
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
 from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, fit_clock
@@ -97,6 +98,11 @@ class PacketBlock:
     def __len__(self) -> int:
         """Return the number of packets."""
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Return one line; the numbers are in the columns."""
+        own = [n for n in ("t", "host_s", "device_s", "counter") if getattr(self, n) is not None]
+        return in_a_line("PacketBlock", self.t, [*own, *(self.rows.dtype.names or ())])
 
     @staticmethod
     def empty(layout: PacketLayout) -> PacketBlock:

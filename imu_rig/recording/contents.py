@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.blocks import in_a_line
 
 
 @dataclass(frozen=True)
@@ -149,3 +150,7 @@ class Wire:
     def __len__(self) -> int:
         """Return the number of chunks."""
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Return one line; the bytes are in ``data``."""
+        return in_a_line("Wire", self.t, [f"{len(self.data)} bytes"], "chunks")
