@@ -14,6 +14,7 @@ import select
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from types import FrameType
 from typing import Any, Protocol, Self
@@ -27,7 +28,9 @@ READ_BYTES = 4096
 LONGEST_LINE = 200
 STOP_KEY = "q"
 POLL_S = 0.05  # where keys cannot be waited for
-PAUSE_S = 0.01  # between two lines of an input that never ends, so that it floods nothing
+PAUSE_S = 0.01  # after a full read, so that an input without end does not keep a processor busy
+MOST_AT_ONCE = 10_000  # markers; more would crowd out what the devices send
+MOST_PER_S = 100
 
 _ESCAPE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.|[^\[O])?", re.DOTALL)
 """What an arrow or function key sends; its letters are nobody's marker."""
@@ -53,11 +56,18 @@ class Keys:
         Takes each marker; called in this object's thread.
     stop : callable
         Called when the end is asked for.
+    notify : callable
+        Shows a sentence, such as of markers that came too fast to be taken.
     """
 
-    def __init__(self, mark: Marked, stop: Callable[[], None]) -> None:
-        self._mark = mark
+    def __init__(
+        self, mark: Marked, stop: Callable[[], None], notify: Callable[[str], None]
+    ) -> None:
+        self._take = mark
         self._stop = stop
+        self._notify = notify
+        self._room, self._room_s = float(MOST_AT_ONCE), time.monotonic()
+        self._dropped = 0
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._undo = contextlib.ExitStack()
@@ -89,6 +99,24 @@ class Keys:
     def __exit__(self, *exception: object) -> None:
         self._ended.set()
         self._undo.close()
+        if self._dropped:
+            self._notify(
+                f"{self._dropped} markers were not recorded: more than {MOST_AT_ONCE} at once and "
+                f"{MOST_PER_S} a second are not taken."
+            )
+
+    def _mark(self, label: str) -> None:
+        """Hand on a marker at once, as long as there are not too many."""
+        now = time.monotonic()
+        self._room = min(MOST_AT_ONCE, self._room + MOST_PER_S * (now - self._room_s))
+        self._room_s = now
+        if self._room < 1:
+            if not self._dropped:
+                self._notify("Markers come faster than they can be recorded; some are left out.")
+            self._dropped += 1
+            return
+        self._room -= 1
+        self._take(label)
 
     def _wake(self, wake: int) -> None:
         """End the thread, which waits on the other end of this pipe."""
@@ -111,6 +139,8 @@ class Keys:
                     pending = self._take_lines(pending + decoder.decode(data), ended=not data)
                 if not data:
                     return
+                if len(data) == READ_BYTES:
+                    self._ended.wait(PAUSE_S)
 
     def _press(self, text: str) -> None:
         for key in _ESCAPE.sub("", text):
@@ -127,9 +157,9 @@ class Keys:
         if ended and rest:
             lines, rest = [*lines, rest], ""
         for line in lines:
-            self._mark(one_line(line, LONGEST_LINE))
-            if self._ended.wait(PAUSE_S):
+            if self._ended.is_set():
                 break
+            self._mark(one_line(line, LONGEST_LINE))
         return rest[: 2 * LONGEST_LINE]
 
     def _listen_on_windows(self) -> None:
@@ -153,6 +183,8 @@ class Keys:
                 pending = self._take_lines(pending + decoder.decode(data), ended=not data)
                 if not data:
                     return
+                if len(data) == READ_BYTES:
+                    self._ended.wait(PAUSE_S)
 
 
 def _standard_input() -> int | None:

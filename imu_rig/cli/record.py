@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
 from imu_rig.cli.options import Quiet
 from imu_rig.cli.terminal import fitted
+from imu_rig.cli.unheld import last_words
 from imu_rig.errors import ImuRigError, InputError, NameTaken
 
 if TYPE_CHECKING:
@@ -141,25 +141,30 @@ def record(
         stack.enter_context(stop_on_signals(stop, view.notify, _stopping(plan)))
         with view:
             outcome = _record(plan, output, view, stop, wait_s=wait)
-        code = _tell(outcome, stop, max_loss / 100.0, as_json=as_json)
+        code, told = _tell(outcome, stop, max_loss / 100.0, as_json=as_json)
+    if view.held_up or not told:
+        # A thread that waits for a reader cannot be ended, and everything else is done.
+        os._exit(code)
     raise typer.Exit(code)
 
 
-def _tell(outcome: RecordingOutcome, stop: StopRequest, max_loss: float, *, as_json: bool) -> int:
-    """Tell how a recording ended, and return the exit code."""
-    from imu_rig.cli.record_json import result_json
+def _tell(
+    outcome: RecordingOutcome, stop: StopRequest, max_loss: float, *, as_json: bool
+) -> tuple[int, bool]:
+    """Tell how a recording ended; return the exit code, and whether everything could be told."""
+    from imu_rig.cli.record_json import json_line, result_json
     from imu_rig.cli.record_summary import exit_code, shortfalls, summary_lines, times_of
 
     times = times_of(outcome, stop)
     short = shortfalls(outcome, max_loss, times)
     code = exit_code(outcome, short)
     if as_json:
-        result = {"result": result_json(outcome, short, code)}
-        _say(sys.stdout, [json.dumps(result, allow_nan=False)])
+        lines = [json_line("result", result_json(outcome, short, code))]
     else:
-        _say(sys.stdout, summary_lines(outcome, times))
-    _say(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
-    return code
+        lines = summary_lines(outcome, times)
+    told = last_words(sys.stdout, lines)
+    told &= last_words(sys.stderr, [fitted(f"imu-rig: {sentence}") for sentence in short])
+    return code, told
 
 
 def _stopping(plan: TrialSetup) -> str:
@@ -187,7 +192,7 @@ def _record(
                 nonlocal listens
                 if not listens:  # from now on there is a file to put markers into
                     listens = True
-                    keys = listening.enter_context(Keys(mark, stop_by_key))
+                    keys = listening.enter_context(Keys(mark, stop_by_key, view.notify))
                     view.listens_to_keys(on_terminal=keys.by_key)
                 view.observe(status)
 
@@ -268,14 +273,3 @@ def _somebody_watches() -> bool:
         return sys.stdin.isatty() and sys.stderr.isatty()
     except (AttributeError, ValueError):
         return False
-
-
-def _say(stream: TextIO, lines: Sequence[str]) -> None:
-    """Write lines, if anybody still takes them: the terminal may be closed by now."""
-    try:
-        stream.writelines(f"{line}\n" for line in lines)
-        stream.flush()
-    except (OSError, ValueError):
-        # what is left in the stream must not be tried again when the program leaves
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
     from imu_rig.recorder.status import DeviceStatus, RecorderStatus
+
+
+def json_line(kind: str, values: dict[str, Any]) -> str:
+    """Return a line of ``--json``; numbers that JSON cannot have are null."""
+    return json.dumps({kind: _finite(values)}, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def status_json(status: RecorderStatus) -> dict[str, Any]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import json
-import os
 import sys
 from typing import TYPE_CHECKING
 
-from imu_rig.cli.record_json import status_json
+from imu_rig.cli.record_json import json_line, status_json
 from imu_rig.cli.record_screen import LONGEST_SENTENCE, plain_line, screen
+from imu_rig.cli.unheld import write_line
 from imu_rig.cli.view import View
 from imu_rig.foreign_text import one_line
 from imu_rig.recorder.status import RecorderStatus
@@ -73,16 +71,6 @@ class RecordView(View):
         try:
             while not self.ended.wait(JSON_LINE_S):
                 if self._status is not None:
-                    _write_line(json.dumps({"status": status_json(self._status)}, allow_nan=False))
-        except (OSError, ValueError):
+                    write_line(sys.stdout, json_line("status", status_json(self._status)))
+        except (OSError, ValueError):  # nobody reads any more
             return
-
-
-def _write_line(line: str) -> None:
-    """Write to stdout without its lock, which a program that stops reading would keep for ever."""
-    try:
-        descriptor = sys.stdout.fileno()
-    except io.UnsupportedOperation:  # it is no file
-        sys.stdout.write(line + "\n")
-        return
-    os.write(descriptor, line.encode() + b"\n")

@@ -22,7 +22,8 @@ def stop_on_signals(
 ) -> Iterator[None]:
     """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs.
 
-    ``stopping`` is said at the first.
+    ``stopping`` is said at the first. A SIGHUP that is ignored already stays so: whoever starts a
+    program with ``nohup`` wants it to go on.
     """
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -32,10 +33,11 @@ def stop_on_signals(
         name = signal.Signals(number).name
         stop.make(f"Stopped by {name}.", brief=name in BRIEF)
 
+    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
     before = {
         number: signal.signal(number, handle)
-        for number in (getattr(signal, name, None) for name in SIGNALS)
-        if number is not None
+        for number in numbers
+        if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN
     }
     try:
         yield

@@ -66,6 +66,11 @@ class View(ABC):
         for thread in self._threads:
             thread.join(timeout=max(0.0, deadline - time.monotonic()))
 
+    @property
+    def held_up(self) -> bool:
+        """Whether a terminal or program that does not read still holds one of the threads."""
+        return any(thread.is_alive() for thread in self._threads)
+
     def _show(self) -> None:
         from rich.console import Console
 

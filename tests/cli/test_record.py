@@ -1,5 +1,6 @@
 """`imu-rig record` with simulated devices on real ports: what is kept, told and refused."""
 
+import contextlib
 import io
 import json
 import os
@@ -13,9 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from imu_rig.cli.record import _say
+from imu_rig.cli.keys import Keys
 from imu_rig.cli.record_setup import Options, device_from, duration_s, setup_from
 from imu_rig.cli.record_summary import Times, shortfalls, summary_lines
+from imu_rig.cli.unheld import last_words
 from imu_rig.errors import InputError
 from imu_rig.recorder.engine import RecordingOutcome
 from imu_rig.recorder.setup import load_setup
@@ -83,6 +85,41 @@ def test_two_devices_are_recorded_and_told_to_programs(inside, tmp_path, lines):
         assert len(trial.samples(device["name"]).t) == device["packets"] > 100
 
 
+def test_lines_that_come_at_once_are_markers_of_that_moment(monkeypatch):
+    """More of them than a file should hold are left out, and counted."""
+    read, write = os.pipe()
+    marks, said = [], []
+    with os.fdopen(read) as stdin, os.fdopen(write, "w") as writer:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr("imu_rig.cli.keys.MOST_AT_ONCE", 3000)
+        monkeypatch.setattr("imu_rig.cli.keys.MOST_PER_S", 0)
+        with Keys(lambda label: marks.append(time.monotonic()), pytest.fail, said.append):
+            writer.write("step\n" * 3004)
+            writer.close()
+            deadline = time.monotonic() + 30
+            while len(marks) < 3000 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            time.sleep(0.05)
+    assert len(marks) == 3000
+    assert "3004" not in said[0]
+    assert said[1].startswith("4 markers were not recorded")
+
+
+def test_last_words_do_not_wait_for_a_reader_that_has_stopped():
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with os.fdopen(read, "rb") as reader, os.fdopen(write, "w") as stream:
+        with contextlib.suppress(BlockingIOError):
+            while os.write(write, bytes(65536)):
+                pass
+        os.set_blocking(write, True)
+        assert not last_words(stream, ["result"], 0.05)
+        data = b""
+        while not data.endswith(b"result\n"):
+            data += reader.read1(65536)
+        assert last_words(stream, ["more"])
+
+
 class Gone(io.StringIO):
     """A stream whose reader has gone."""
 
@@ -93,7 +130,9 @@ class Gone(io.StringIO):
 def test_a_trial_never_takes_the_name_of_another_and_needs_no_reader(inside, tmp_path, monkeypatch):
     arguments = ("record", "--simulate", 1, "--duration", 0.2, "--session", "s")
     inside(*arguments, cwd=tmp_path)
-    monkeypatch.setattr("imu_rig.cli.record._say", lambda stream, lines: _say(Gone(), lines))
+    monkeypatch.setattr(
+        "imu_rig.cli.record.last_words", lambda stream, lines: last_words(Gone(), lines)
+    )
     inside(*arguments, cwd=tmp_path)
     assert files_in(tmp_path / "recordings") == ["s/trial_001.imu-trial", "s/trial_002.imu-trial"]
 
@@ -270,7 +309,7 @@ GOOD = DeviceStatus("left", "/dev/a", "live", packets=990, lost=10)
 OUTCOME = RecordingOutcome(
     path=Path("x"),
     reason="complete",
-    duration_s=10.0,
+    elapsed_s=10.0,
     recorded_s=10.0,
     file_bytes=1000,
     unwritten_records=0,

@@ -1,5 +1,7 @@
 """Recordings ended from outside: by key, by signal, by a closed window, by kill -9."""
 
+import contextlib
+import os
 import signal
 import subprocess
 import time
@@ -54,12 +56,31 @@ def until(terminal: Terminal, modes: list[object]) -> list[object]:
     return terminal.modes_now()
 
 
+@contextlib.contextmanager
+def full_pipe() -> Iterator[int]:
+    """Yield the end to write to of a pipe that nobody reads."""
+    read, write = os.pipe()
+    try:
+        os.set_blocking(write, False)
+        with contextlib.suppress(BlockingIOError):
+            while os.write(write, bytes(65536)):
+                pass
+        os.set_blocking(write, True)
+        yield write
+    finally:
+        os.close(read)
+        os.close(write)
+
+
 @pytest.fixture(scope="module")
 def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ending]]:
-    """Five recordings at the same time, each ended in its own way."""
+    """Five recordings at the same time, each ended in its own way.
+
+    The reader of the one that gets a SIGTERM has stopped reading.
+    """
     root = tmp_path_factory.mktemp("endings")
     found: dict[str, Ending] = {}
-    with ServedDevices() as served:
+    with ServedDevices() as served, full_pipe() as unread:
         terminals, processes, urls = {}, {}, {}
         folders = {way: root / way for way in WAYS}
         try:
@@ -69,6 +90,8 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
                 arguments = ["record", "--device", f"left shoe={urls[way]}"]
                 if way == "ctrl-c":
                     arguments += ["--duration", "1h"]
+                elif way == "SIGTERM":
+                    arguments += ["--json"]
                 if way in ("key", "ctrl-c", "hang-up"):
                     terminals[way] = Terminal(*arguments, cwd=folder)
                 else:
@@ -76,7 +99,7 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
                         [PROGRAM, *arguments],
                         cwd=folder,
                         stdin=subprocess.PIPE,
-                        stdout=subprocess.PIPE,
+                        stdout=unread if way == "SIGTERM" else subprocess.PIPE,
                         stderr=subprocess.PIPE,
                         text=True,
                     )
@@ -119,7 +142,7 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
                 found[way] = Ending(code, open_trial(paths[way]), terminal.text)
             for way, process in processes.items():
                 stdout, stderr = process.communicate(timeout=PATIENCE_S)
-                found[way] = Ending(process.returncode, open_trial(paths[way]), stdout + stderr)
+                found[way] = Ending(process.returncode, open_trial(paths[way]), f"{stdout}{stderr}")
             found["key"].details = {
                 "second": second,
                 "during": during,
@@ -150,7 +173,7 @@ def test_however_it_ends_the_file_is_whole_and_says_so(endings, way, code, reaso
     ending = endings[way]
     assert "Traceback" not in ending.text
     assert (ending.code, ending.trial.ended) == (code, reason), ending.text
-    if way not in ("hang-up", "kill"):  # somebody can still read it
+    if way in ("key", "ctrl-c"):  # somebody can read it
         assert "imu-rig info recordings/" in ending.text
     assert not ending.trial.damage.records_lost
     samples = ending.trial.samples("left shoe")

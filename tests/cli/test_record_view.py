@@ -1,6 +1,8 @@
 """The live table of a recording: what it tells, on terminals of every size."""
 
 import io
+import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text
 
-from imu_rig.cli.record_json import status_json
+from imu_rig.cli.record_json import json_line, status_json
 from imu_rig.cli.record_screen import plain_line, screen
 from imu_rig.recorder.status import DeviceStatus, RecorderStatus
 
@@ -141,3 +143,11 @@ def test_a_line_for_a_log_and_values_for_a_program():
     values = status_json(STATUS)
     assert values["devices"][1]["supply"] == {"battery": [3.58, "V"]}
     assert values["devices"][1]["loss"] == pytest.approx(120 / 4100)
+
+
+def test_a_reading_that_is_no_number_is_null_for_a_program():
+    flat = replace(RIGHT, supply=(("battery", math.nan, "V"),))
+    line = json_line("status", status_json(replace(STATUS, disk_left_s=math.inf, devices=(flat,))))
+    status = json.loads(line, parse_constant=pytest.fail)["status"]
+    assert status["devices"][0]["supply"] == {"battery": [None, "V"]}
+    assert status["disk_left_s"] is None
