@@ -102,7 +102,7 @@ def summary_lines(outcome: RecordingOutcome, times: Times = UNKNOWN) -> list[str
     """Lines that tell a recording."""
     ended = {"complete": "complete", "interrupted": "stopped before its planned end"}
     facts = [
-        f"{clock(outcome.duration_s)} recorded",
+        f"{clock(outcome.elapsed_s)} recorded",
         size(outcome.file_bytes),
         f"{outcome.markers} marker{'s'[: outcome.markers != 1]}",
         ended.get(outcome.reason, outcome.reason),

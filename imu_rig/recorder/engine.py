@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from imu_rig import __version__
 from imu_rig.calibration.certificate import load_certificate
@@ -19,7 +19,7 @@ from imu_rig.errors import DeviceError, PortError
 from imu_rig.recorder.jig_keeper import JigKeeper
 from imu_rig.recorder.keeper import DeviceKeeper, final_fault
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
-from imu_rig.recorder.status import DeviceStatus, RecorderState, RecorderStatus
+from imu_rig.recorder.status import RecorderState, RecorderStatus
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.writer import TrialWriter
@@ -39,38 +39,24 @@ PORTS_S = 0.4  # of that, kept for the ports
 UNKNOWN_RATE = 10_000.0  # bytes per second of a device that does not state its rate
 
 
-@dataclass(frozen=True)
-class RecordingOutcome:
-    """How a recording ended.
+Ending = Literal["complete", "interrupted"]
+"""How a recording ends that nothing went wrong with; as in the end record."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOutcome(RecorderStatus):
+    """How a recording ended: its last status, and what is known only then.
 
     Attributes
     ----------
-    path : Path
     reason : str
-        As in the end record: "complete", "interrupted" ...
-    duration_s : float
-        Trial time at the end.
-    recorded_s : float
-        Time since every required device was heard.
-    file_bytes, unwritten_records, markers : int
-    devices : tuple of DeviceStatus
-        As of the end of the recording.
+        "complete", or "interrupted" where it was stopped before its planned end.
     latency : Latency
         How long what arrived took to be in the file.
-    problem : str or None
-        What is left to see to, such as a jig that could not be parked.
     """
 
-    path: Path
-    reason: str
-    duration_s: float
-    recorded_s: float
-    file_bytes: int
-    unwritten_records: int
-    markers: int
-    devices: tuple[DeviceStatus, ...]
+    reason: Ending
     latency: Latency
-    problem: str | None = None
 
 
 class Recorder:
@@ -124,7 +110,6 @@ class Recorder:
         self._markers = 0
         self._marks = threading.Lock()
         self._live_ns: int | None = None
-        self._start_ns = 0
         self._pace: deque[tuple[int, int]] = deque()
         self._disk: tuple[int, int | None] = (0, None)
 
@@ -151,41 +136,31 @@ class Recorder:
         trial = TrialWriter.create(
             self._path, self._config(), clock=self._clock, options=self._options
         )
-        self._start_ns = self._clock.now_ns()
         with self._marks:
             self._trial = trial
-        reason = "failed: the program ended"
+        reason, worthless = "failed: the program ended", False
         with ExitStack() as stack:
-            stack.callback(lambda: self._close(trial, reason))
+            stack.callback(lambda: self._close(trial, reason, discard=worthless))
             try:
                 self._open(trial)
                 self._wait_for_first_attempts()
-                reason = self._record(trial)
+                ending = self._record(trial)
+                reason = ending
             except KeyboardInterrupt:
                 reason = "interrupted"
                 raise
             except Exception as error:
                 reason = f"stopped: {error}"
+                worthless = not self._received and trial.error is None
                 raise
             finally:
                 self._show(trial, "stopping")
                 self._release()
-        problem = None if self._jig is None else self._jig.problem
-        self._show(trial, "ended")
+        last = self._status(trial, "ended")
+        self._observe(last)
         if trial.error is not None:
             raise trial.error
-        return RecordingOutcome(
-            path=self._path,
-            reason=reason,
-            duration_s=trial.t_s(self._clock.now_ns()),
-            recorded_s=self._recorded_s(),
-            file_bytes=trial.acknowledged_bytes,
-            unwritten_records=trial.unwritten_records,
-            markers=self._markers,
-            devices=self._devices(),
-            latency=trial.latency(),
-            problem=problem,
-        )
+        return RecordingOutcome(**vars(last), reason=ending, latency=trial.latency())
 
     # --- start --------------------------------------------------------------------------------
 
@@ -251,13 +226,13 @@ class Recorder:
 
     # --- the recording ------------------------------------------------------------------------
 
-    def _record(self, trial: TrialWriter) -> str:
-        """Go on until something ends the recording; return the reason for the end record."""
+    def _record(self, trial: TrialWriter) -> Ending:
+        """Go on until something ends the recording."""
         shown_s = -OBSERVE_S
         while True:
             self._raise_faults()
             if trial.error is not None:
-                return "storage"  # the end record says what the disk did
+                raise trial.error
             self._notice_all_live(trial)
             planned = self._setup.duration_s
             if planned is not None and self._recorded_s() >= planned:
@@ -276,7 +251,7 @@ class Recorder:
         if not missing:
             self._live_ns = self._clock.now_ns()
             trial.event(ALL_LIVE)
-        elif self._wait_s is not None and self._elapsed_s() > self._wait_s:
+        elif self._wait_s is not None and trial.t_s(self._clock.now_ns()) > self._wait_s:
             first = missing[0]
             why = first.status.problem or f"{first.setup.name} on {first.setup.port} is silent."
             refused = PortError if not first.device.running else DeviceError
@@ -301,25 +276,22 @@ class Recorder:
         for keeper in self._keepers:
             keeper.join(end.remaining)
 
-    def _close(self, trial: TrialWriter, reason: str) -> None:
+    def _close(self, trial: TrialWriter, reason: str, *, discard: bool) -> None:
         with self._marks:
             self._trial = None
         trial.close(reason)
-        if reason.startswith("stopped") and not self._received:
+        if discard:
             trial.path.unlink(missing_ok=True)
 
     # --- what is shown ------------------------------------------------------------------------
 
-    def _elapsed_s(self) -> float:
-        return (self._clock.now_ns() - self._start_ns) / NS_PER_S
-
     def _recorded_s(self) -> float:
         return 0.0 if self._live_ns is None else (self._clock.now_ns() - self._live_ns) / NS_PER_S
 
-    def _devices(self) -> tuple[DeviceStatus, ...]:
-        return tuple(keeper.status for keeper in self._keepers)
-
     def _show(self, trial: TrialWriter, state: RecorderState) -> None:
+        self._observe(self._status(trial, state))
+
+    def _status(self, trial: TrialWriter, state: RecorderState) -> RecorderStatus:
         now = time.monotonic_ns()
         self._pace.append((now, trial.acknowledged_bytes))
         while len(self._pace) > 1 and now - self._pace[0][0] > PACE_S * NS_PER_S:
@@ -330,24 +302,22 @@ class Recorder:
             self._disk = now, self._free_bytes()
         free = self._disk[1]
         problems = [trial.error, None if self._jig is None else self._jig.problem]
-        self._observe(
-            RecorderStatus(
-                path=self._path,
-                state=state,
-                elapsed_s=self._elapsed_s(),
-                recorded_s=self._recorded_s(),
-                planned_s=self._setup.duration_s,
-                file_bytes=trial.acknowledged_bytes,
-                synced_bytes=trial.synced_bytes,
-                disk_free_bytes=free,
-                disk_left_s=free / pace if free is not None and pace > 0 else None,
-                queue=trial.queued_bytes / self._options.queue_bytes,
-                queue_s=self._options.queue_bytes / pace if pace > 0 else 0.0,
-                unwritten_records=trial.unwritten_records,
-                markers=self._markers,
-                devices=self._devices(),
-                problem=next((str(p) for p in problems if p is not None), None),
-            )
+        return RecorderStatus(
+            path=self._path,
+            state=state,
+            elapsed_s=trial.t_s(self._clock.now_ns()),
+            recorded_s=self._recorded_s(),
+            planned_s=self._setup.duration_s,
+            file_bytes=trial.acknowledged_bytes,
+            synced_bytes=trial.synced_bytes,
+            disk_free_bytes=free,
+            disk_left_s=free / pace if free is not None and pace > 0 else None,
+            queue=trial.queued_bytes / self._options.queue_bytes,
+            queue_s=self._options.queue_bytes / pace if pace > 0 else 0.0,
+            unwritten_records=trial.unwritten_records,
+            markers=self._markers,
+            devices=tuple(keeper.status for keeper in self._keepers),
+            problem=next((str(p) for p in problems if p is not None), None),
         )
 
     def _free_bytes(self) -> int | None:
