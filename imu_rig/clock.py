@@ -23,6 +23,11 @@ def utc_text(utc: datetime, timespec: str = "microseconds") -> str:
 class Clock(Protocol):
     """A monotonic clock and the means to wait on it."""
 
+    @property
+    def speed(self) -> float:
+        """Seconds on this clock per second of the machine's."""
+        ...
+
     def now_ns(self) -> int:
         """Nanoseconds on this clock; the origin is arbitrary."""
         ...
@@ -34,6 +39,8 @@ class Clock(Protocol):
 
 class SystemClock:
     """The machine's monotonic clock."""
+
+    speed = 1.0
 
     def now_ns(self) -> int:
         """Nanoseconds of ``time.monotonic_ns``."""
@@ -84,8 +91,11 @@ class ScaledClock:
 class SteppedClock:
     """A clock that moves only when told to, for deterministic tests.
 
-    ``sleep`` moves it, so that code which waits runs through at once.
+    ``sleep`` moves it, so that code which waits runs through at once. For what waits by the
+    machine's clock all the same, it counts as one that runs as fast.
     """
+
+    speed = 1.0
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now = start_ns

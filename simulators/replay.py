@@ -558,7 +558,7 @@ class Replay:
 
         Waiting on descriptors is rounded up to milliseconds, so the rest of a wait is slept.
         """
-        seconds /= float(getattr(self._clock, "speed", 1.0))
+        seconds /= self._clock.speed
         if seconds <= FINE_S:
             time.sleep(seconds)
             return

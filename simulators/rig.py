@@ -318,8 +318,7 @@ class SimulatedRig:
 
         Only a hint: a descriptor may be closed meanwhile, and all ports are served afterwards.
         """
-        speed = float(getattr(self._clock, "speed", 1.0))
-        seconds = max(PUMP_PERIOD_S / speed, SHORTEST_WAIT_S)
+        seconds = max(PUMP_PERIOD_S / self._clock.speed, SHORTEST_WAIT_S)
         if not descriptors:
             self._stopping.wait(seconds)
             return

@@ -193,8 +193,7 @@ class ServedDevices:
         return port
 
     def _pump(self) -> None:
-        speed = float(getattr(self.clock, "speed", 1.0))
-        wait_s = max(PUMP_S / speed, SHORTEST_WAIT_S)
+        wait_s = max(PUMP_S / self.clock.speed, SHORTEST_WAIT_S)
         looks = 0
         try:
             while not self._stopping.wait(wait_s):

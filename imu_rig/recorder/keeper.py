@@ -143,7 +143,7 @@ class DeviceKeeper:
                 self.fault = self.fault or error
 
     def _wait(self, seconds: float) -> None:
-        self._stopping.wait(seconds / float(getattr(self._clock, "speed", 1.0)))
+        self._stopping.wait(seconds / self._clock.speed)
 
     def _open_first(self) -> None:
         """Open the port, waiting for one that is not there.
