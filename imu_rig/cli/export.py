@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from contextlib import nullcontext
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,12 +27,13 @@ SENSORS = {"accel": "accelerometer", "gyro": "gyroscope", "mag": "magnetometer"}
 def export(
     file: Annotated[Path, typer.Argument(help="A trial file.")],
     output: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             "--output",
             "-o",
-            help="File to write, or a folder for it; beside the trial by default. With several "
-            "devices, csv and parquet put the name of each behind the file's.",
+            help="File to write, or a folder for it, a new one with / at its end; beside the trial "
+            "by default. With several devices, csv and parquet put the name of each behind the "
+            "file's.",
         ),
     ] = None,
     to: Annotated[
@@ -63,6 +66,7 @@ def export(
     from imu_rig.cli.working import Working
     from imu_rig.exporting.device_data import TrialData
     from imu_rig.exporting.formats import choose, destination, export_trial
+    from imu_rig.exporting.output import made_folder
     from imu_rig.foreign_text import one_line
     from imu_rig.recording.reader import open_trial
 
@@ -70,7 +74,9 @@ def export(
         raise InputError("Give one of --raw, --calibrated and --certificate.")
     with Working(f"reading {file.name}") as working:
         trial = open_trial(file)
-        to = choose(to, output)
+        target = None if output is None else Path(output)
+        is_folder = output is not None and output.endswith((os.sep, os.altsep or os.sep))
+        to = choose(to, target)
         names = _chosen(trial, sensor)
         certificates: dict[str, Certificate] = {}
         if calibrated:
@@ -78,7 +84,9 @@ def export(
         elif certificate is not None:
             certificates = _given_certificate(certificate, trial, names, any_device=any_device)
         data = TrialData(trial, names, certificates)
-        done = export_trial(data, to, destination(file, to, output), working.now)
+        path = destination(file, to, target, folder=is_folder)
+        with made_folder(path.parent) if is_folder else nullcontext():
+            done = export_trial(data, to, path, working.now)
     warn_of_damage(trial)
     for name, summary in data.summaries.items():
         if summary.time_problem is not None:

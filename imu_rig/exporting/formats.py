@@ -70,12 +70,19 @@ def choose(to: str | None, output: Path | None) -> str:
     )
 
 
-def destination(trial: Path, to: str, output: Path | None) -> Path:
-    """Return the file to write: as asked, or named as the trial, in a folder or beside it."""
-    named = trial.with_suffix(FORMATS[to].suffix).name
+def destination(trial: Path, to: str, output: Path | None, *, folder: bool = False) -> Path:
+    """Return the file to write: as asked, or named as the trial, in a folder or beside it.
+
+    A name without the suffix of the format gets it. ``folder`` says that ``output`` is one, even
+    if it is not there yet.
+    """
+    suffix = FORMATS[to].suffix
+    named = trial.with_suffix(suffix).name
     if output is None:
         return trial.parent / named
-    return output / named if output.is_dir() else output
+    if folder or output.is_dir():
+        return output / named
+    return output if output.suffix.lower() == suffix else output.with_name(output.name + suffix)
 
 
 def export_trial(data: TrialData, to: str, path: Path, tell: Tell | None = None) -> Output:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
 
+from imu_rig.errors import InputError, reason_of
 from imu_rig.files import require_new, whole_file
 
 Tell = Callable[[str], None]
@@ -41,6 +42,29 @@ class Place:
     def beside(self, word: str) -> Path:
         """Return a file beside it with a word more in its name."""
         return self.path.with_name(f"{self.path.stem}_{word}{self.path.suffix}")
+
+
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, unless it is there, and take it away again if the block fails.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
+    there = folder.is_dir()
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be made ({reason_of(error)}).") from error
+    try:
+        yield
+    except BaseException:
+        if not there:
+            with suppress(OSError):  # somebody put something into it meanwhile
+                folder.rmdir()
+        raise
 
 
 class Output:

@@ -102,6 +102,31 @@ def test_a_certificate_of_a_file_is_for_one_sensor(run: Run, walk: Path, tmp_pat
     assert "Applied all the same" in err
 
 
+def test_a_folder_is_made_and_a_name_gets_the_suffix(run: Run, walk: Path, tmp_path: Path) -> None:
+    one = (walk, "--sensor", "barometer", "--to", "csv", "-o")
+    folder = tmp_path / "new"
+    run(*one, f"{folder}/")
+    run(*one, tmp_path / "walk.2")
+    run(*one, tmp_path / "other.CSV")
+    found = sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file())
+    found = [name for name in found if "_markers" not in name]
+    assert found == ["new/walk.csv", "other.CSV", "walk.2.csv"]
+    before = (folder / "walk.csv").read_bytes()
+    for again in (f"{folder}/", folder, tmp_path / "walk.2"):
+        _, err = run(*one, again, code=2)
+        assert "never overwritten" in err
+    assert (folder / "walk.csv").read_bytes() == before
+    _, err = run(*one, f"{tmp_path / 'other.CSV'}/", code=2)
+    assert "other.CSV cannot be made" in err
+
+
+def test_no_folder_is_left_by_an_export_that_fails(run: Run, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.imu-trial"
+    write_trial(empty, [Device("left shoe", count=0)])
+    run(empty, "--to", "csv", "-o", f"{tmp_path / 'new'}/", code=2)
+    assert list(tmp_path.iterdir()) == [empty]
+
+
 def test_devices_are_chosen_by_name(run: Run, walk: Path, tmp_path: Path) -> None:
     out, _ = run(walk, "-o", tmp_path / "x.csv", "--sensor", "barometer", "--raw", "--json")
     assert list(json.loads(out)["devices"]) == ["barometer"]
