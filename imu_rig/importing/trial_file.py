@@ -27,6 +27,7 @@ from imu_rig.errors import InputError, StorageError, reason_of
 from imu_rig.foreign_text import one_line
 from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.recording.log import RecordingOptions
+from imu_rig.recording.reader import IMPORTED_FROM
 from imu_rig.recording.storage import FileSystem, OsFileSystem
 from imu_rig.recording.writer import TrialWriter
 
@@ -158,7 +159,7 @@ class _Source:
     sequence: IntArray
 
     def descriptor(self, recording: ForeignRecording) -> dict[str, Any]:
-        return {"layout": self.layout.to_dict(), "imported_from": recording.format}
+        return {"layout": self.layout.to_dict(), IMPORTED_FROM: recording.format}
 
     def records(self, start_s: float, number: int) -> Iterator[tuple[int, int, bytes]]:
         """Yield the arrival [ns] of every packet, the number of the source, and its bytes.
