@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,7 +18,17 @@ from imu_rig.errors import InputError
 from imu_rig.recording.reader import Trial, open_trial
 from simulators.served_devices import ServedDevices
 
-WAYS = ("key", "ctrl-c", "SIGTERM", "hang-up", "kill")
+WAYS = ("key", "ctrl-c", "SIGTERM", "hang-up", "kill", "full disk")
+ON_TERMINALS = ("key", "ctrl-c", "hang-up")
+WITH_JIG = ("ctrl-c", "SIGTERM", "hang-up")
+FULL_BYTES = 14_000
+ALMOST_FULL = (
+    "import os, resource, sys; "
+    f"resource.setrlimit(resource.RLIMIT_FSIZE, ({FULL_BYTES}, {FULL_BYTES})); "
+    "os.execv(sys.argv[1], sys.argv[1:])"
+)
+"""Lets files grow as far as on a disk that is almost full."""
+CLEAN_S = 3.0
 
 
 @dataclass
@@ -27,6 +38,7 @@ class Ending:
     code: int
     trial: Trial
     text: str = ""
+    took_s: float = 0.0  # from the signal to the last byte of the file
     details: dict[str, object] = field(default_factory=dict)
 
 
@@ -74,7 +86,7 @@ def full_pipe() -> Iterator[int]:
 
 @pytest.fixture(scope="module")
 def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ending]]:
-    """Five recordings at the same time, each ended in its own way.
+    """Six recordings at the same time, each ended in its own way.
 
     The reader of the one that gets a SIGTERM has stopped reading.
     """
@@ -88,15 +100,19 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
                 folder.mkdir()
                 urls[way] = served.add(way, "mpu9150-28", seed=1)
                 arguments = ["record", "--device", f"left shoe={urls[way]}"]
+                if way in WITH_JIG:
+                    arguments += ["--maestro", served.add_servos(f"jig of {way}")]
                 if way == "ctrl-c":
                     arguments += ["--duration", "1h"]
                 elif way == "SIGTERM":
                     arguments += ["--json"]
-                if way in ("key", "ctrl-c", "hang-up"):
+                if way in ON_TERMINALS:
                     terminals[way] = Terminal(*arguments, cwd=folder)
                 else:
+                    full = way == "full disk"
+                    before = [sys.executable, "-ISc", ALMOST_FULL] if full else []
                     processes[way] = subprocess.Popen(
-                        [PROGRAM, *arguments],
+                        [*before, PROGRAM, *arguments],
                         cwd=folder,
                         stdin=subprocess.PIPE,
                         stdout=unread if way == "SIGTERM" else subprocess.PIPE,
@@ -131,6 +147,7 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
             halted.process.send_signal(signal.SIGCONT)
             again = until(halted, during)
             key.press("q")
+            asked_s = time.time()
             halted.press("\x03")
             time.sleep(0.05)  # as fast as an impatient person
             halted.press("\x03")
@@ -143,6 +160,8 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
             for way, process in processes.items():
                 stdout, stderr = process.communicate(timeout=PATIENCE_S)
                 found[way] = Ending(process.returncode, open_trial(paths[way]), f"{stdout}{stderr}")
+            for way, path in paths.items():
+                found[way].took_s = path.stat().st_mtime - asked_s
             found["key"].details = {
                 "second": second,
                 "during": during,
@@ -167,6 +186,7 @@ def endings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Endi
         ("SIGTERM", 0, "complete"),
         ("hang-up", 0, "complete"),
         ("kill", -signal.SIGKILL, None),
+        ("full disk", 5, None),  # not even an end record finds room
     ],
 )
 def test_however_it_ends_the_file_is_whole_and_says_so(endings, way, code, reason):
@@ -179,6 +199,20 @@ def test_however_it_ends_the_file_is_whole_and_says_so(endings, way, code, reaso
     samples = ending.trial.samples("left shoe")
     assert len(samples.t) > 50
     assert (samples.counter[1:] - samples.counter[:-1] == 1).all()
+
+
+@pytest.mark.parametrize("way", WITH_JIG)
+def test_a_jig_is_parked_and_the_file_closed_at_once(endings, way):
+    ending = endings[way]
+    assert [event.name for event in ending.trial.events] == ["all_live", "parking"]
+    assert ending.took_s < CLEAN_S
+
+
+def test_a_disk_that_fills_up_is_told_with_what_to_do(endings):
+    told = " ".join(endings["full disk"].text.split())
+    assert "has reached the largest size" in told
+    assert "record to another disk before you go on." in told
+    assert endings["full disk"].trial.path.stat().st_size <= FULL_BYTES
 
 
 def test_keys_are_markers_and_no_key_sequence_is_one(endings):
