@@ -106,7 +106,7 @@ def _chosen(trial: Trial, wanted: list[str] | None) -> list[str]:
     """Names of the devices to export, in the order of the trial."""
     if not trial.sensors:
         raise InputError(
-            f"{trial.path} holds no sensors ({', '.join(trial.sources) or 'nothing'})."
+            f"{trial.path} holds no sensors ({_listed(list(trial.sources)) or 'nothing'})."
         )
     for name in wanted or ():
         if name not in trial.sensors:

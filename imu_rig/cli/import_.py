@@ -23,7 +23,7 @@ from imu_rig.cli.options import (
     TimeColumn,
     TimeUnit,
 )
-from imu_rig.cli.recordings import TRIAL_SUFFIX, TableOptions
+from imu_rig.cli.recordings import TableOptions
 from imu_rig.cli.working import Working
 from imu_rig.errors import InputError
 
@@ -67,9 +67,10 @@ def import_(
     from imu_rig.importing.formats import load_foreign
     from imu_rig.importing.joined import join_recordings
     from imu_rig.importing.trial_file import write_trial
+    from imu_rig.recording.format import SUFFIX
 
-    if output.suffix != TRIAL_SUFFIX:
-        raise InputError(f"{output}: name a file that ends in {TRIAL_SUFFIX} for the trial.")
+    if output.suffix != SUFFIX:
+        raise InputError(f"{output}: name a file that ends in {SUFFIX} for the trial.")
     if output.exists():  # before minutes of reading; the writer makes sure of it once more
         raise InputError(f"{output} exists already and is never overwritten; choose another name.")
     table = TableOptions(

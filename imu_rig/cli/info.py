@@ -13,7 +13,7 @@ import typer
 from imu_rig.cli.certificate import write_page
 from imu_rig.cli.options import Json
 from imu_rig.errors import InputError
-from imu_rig.foreign_text import printable
+from imu_rig.foreign_text import one_line, printable
 
 if TYPE_CHECKING:
     from imu_rig.calibration.result import DeviceInfo
@@ -139,16 +139,14 @@ def require_one_imu(trial: Trial, name: str | None) -> str:
         If there is none by that name, or several to choose from.
     """
     sensors = trial.imus
+    named = ", ".join(one_line(sensor) for sensor in sensors) or "none"
     if name is not None:
         if name not in sensors:
-            raise InputError(
-                f"{trial.path} has no sensor '{name}' (it has {', '.join(sensors) or 'none'})."
-            )
+            raise InputError(f"{trial.path} has no sensor '{name}' (it has {named}).")
         return name
     if len(sensors) != 1:
         raise InputError(
-            f"{trial.path} holds {len(sensors)} sensors ({', '.join(sensors) or 'none'}): "
-            "name one with --sensor."
+            f"{trial.path} holds {len(sensors)} sensors ({named}): name one with --sensor."
         )
     return sensors[0]
 

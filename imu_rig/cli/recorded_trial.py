@@ -9,11 +9,11 @@ from imu_rig.cli.words import clock, losses, size, uncertainty
 from imu_rig.clock import utc_text
 from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line, wrapped
+from imu_rig.recording.format import TRIAL_KIND
 
 if TYPE_CHECKING:
     from imu_rig.recording.reader import Trial
 
-TRIAL_KIND = "trial"
 WORDS = ("subject", "session", "trial", "note")
 MOST_MISSING = 6  # stretches told of each device, the longest
 MOST_MARKERS = 12
@@ -81,6 +81,7 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
         facts |= {key: statistics[-1][1].get(key) for key in COUNTED}
     uncertainty = trial.time_uncertainty_s(name) if count else math.nan
     facts["time_uncertainty_s"] = uncertainty if math.isfinite(uncertainty) else None
+    facts["time_problem"] = trial.time_problem(name)
     facts["missing"] = [
         {"start_s": m.start_s, "stop_s": m.stop_s, "samples": m.samples, "reason": m.reason}
         for m in missing
@@ -158,6 +159,9 @@ def _table(devices: dict[str, dict[str, Any]]) -> list[str]:
             f"{names[name]:{width}}"
             + "".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True))
         )
+    for name, device in devices.items():
+        if device.get("time_problem") is not None:
+            lines += wrapped(f"{name}: {device['time_problem']}.", WIDTH)
     certified = {n: d["certificate"] for n, d in devices.items() if d.get("certificate")}
     for name, sensor in certified.items():
         lines += wrapped(f"{name} has the certificate of {sensor}.", WIDTH)

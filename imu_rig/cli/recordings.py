@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from imu_rig.importing.column_map import ColumnMap
     from imu_rig.recording.reader import Trial
 
-TRIAL_SUFFIX = ".imu-trial"
-
 
 @dataclass(frozen=True)
 class TableOptions:
@@ -62,9 +60,11 @@ def open_if_trial(file: Path, table: TableOptions) -> Trial | None:
         If options for a table were given with a trial file, or it cannot be read, or is a
         certificate.
     """
+    from imu_rig.recording.format import SUFFIX
+
     if file.suffix == ".json":
         _refuse_certificate(file)
-    if file.suffix != TRIAL_SUFFIX and not _begins_like_a_trial(file):
+    if file.suffix != SUFFIX and not _begins_like_a_trial(file):
         return None
     from imu_rig.cli.sessions import warn_of_damage
     from imu_rig.recording.reader import open_trial

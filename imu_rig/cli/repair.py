@@ -50,7 +50,8 @@ def repair(
 def _packets_lost(outcome: Repair) -> dict[str, int]:
     """How many packets each sensor's own numbers say were lost with the damage."""
     from imu_rig.errors import InputError
-    from imu_rig.recording.reader import LOST_IN_FILE, open_trial
+    from imu_rig.recording.missing import LOST_IN_FILE
+    from imu_rig.recording.reader import open_trial
 
     if outcome.target is None or outcome.target.stat().st_size > LARGEST_DECODED_BYTES:
         return {}

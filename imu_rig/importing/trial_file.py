@@ -26,6 +26,7 @@ from imu_rig.clock import NS_PER_S, SteppedClock
 from imu_rig.errors import InputError, StorageError, reason_of
 from imu_rig.foreign_text import one_line
 from imu_rig.importing.foreign import ForeignRecording
+from imu_rig.recording.format import IMPORTED_FROM, TRIAL_KIND
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.reader import IMPORTED_FROM
 from imu_rig.recording.storage import FileSystem, OsFileSystem
@@ -275,7 +276,7 @@ def counted(t: FloatArray) -> IntArray:
 def _config(recording: ForeignRecording, target: Path, start_s: float) -> dict[str, Any]:
     reference = recording.reference
     return {
-        "kind": "trial",
+        "kind": TRIAL_KIND,
         "trial": one_line(target.stem),
         "note": "",
         "imu_rig": __version__,

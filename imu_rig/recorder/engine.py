@@ -16,17 +16,17 @@ from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import NS_PER_S, Clock, Deadline, SystemClock
 from imu_rig.devices.stream_device import PacketDevice
 from imu_rig.errors import DeviceError, PortError
+from imu_rig.imu_scaling import is_inertial
 from imu_rig.recorder.jig_keeper import JigKeeper
 from imu_rig.recorder.keeper import DeviceKeeper, final_fault
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.recorder.status import RecorderState, RecorderStatus
+from imu_rig.recording.format import MARKER, TRIAL_KIND
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.stopping import StopRequest
 
-TRIAL_KIND = "trial"
-MARKER = "marker"
 ALL_LIVE = "all_live"
 
 # Constants of time.
@@ -205,7 +205,7 @@ class Recorder:
         }
         if device in self._certificates:
             descriptor["certificate"] = self._certificates[device]
-        kind = "imu" if layout.has("accel") or layout.has("gyro") else "sensor"
+        kind = "imu" if is_inertial(layout) else "sensor"
         source = trial.add_source(device.name, kind, descriptor)
 
         def keep(t_ns: int, data: bytes) -> None:

@@ -11,6 +11,7 @@ from imu_rig.devices.jig import AXES, AxisName, Jig, JigConfig, load_jig
 from imu_rig.devices.maestro import MaestroClient
 from imu_rig.errors import DeviceError, ImuRigError
 from imu_rig.recorder.setup import JIG_SOURCE, JigSetup
+from imu_rig.recording.format import SILENT, UNPLUGGED
 from imu_rig.recording.writer import TrialWriter
 
 # Constants of time.
@@ -133,7 +134,7 @@ class JigKeeper:
     def _missed(self, error: ImuRigError) -> None:
         """Take note that the controller does not answer or has gone."""
         self.problem = str(error)
-        reason = "silent" if self._maestro.is_open else "unplugged"
+        reason = SILENT if self._maestro.is_open else UNPLUGGED
         if self._gap is None:
             self._trial.event("jig_lost", reason=self.problem)
         elif self._gap[1] == reason:

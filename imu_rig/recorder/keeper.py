@@ -13,6 +13,7 @@ from imu_rig.errors import DeviceLost, ImuRigError, PortError, PortMissing
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.setup import DeviceSetup
 from imu_rig.recorder.status import DeviceState, DeviceStatus
+from imu_rig.recording.format import SILENT, UNPLUGGED, UNREADABLE
 from imu_rig.recording.writer import TrialWriter
 
 # Constants of time.
@@ -30,9 +31,9 @@ ASK_S = 1.0  # between looks at why nothing comes that can be read
 SUPPLY_WORDS = ("battery", "supply", "voltage")
 
 REASONS: dict[DeviceState, str] = {
-    "lost": "unplugged",
-    "silent": "silent",
-    "garbled": "unreadable",
+    "lost": UNPLUGGED,
+    "silent": SILENT,
+    "garbled": UNREADABLE,
 }
 
 

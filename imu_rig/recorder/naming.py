@@ -11,9 +11,9 @@ from pathlib import Path
 
 from imu_rig.errors import InputError, StorageError, reason_of
 from imu_rig.foreign_text import one_line
+from imu_rig.recording.format import SUFFIX
 from imu_rig.recording.storage import DISK_FULL
 
-SUFFIX = ".imu-trial"
 DEFAULT_TRIAL = "trial"
 LONGEST_PART_BYTES = 100
 """Of a folder's or file's name; every file system takes 140, and the number comes on top."""

@@ -108,7 +108,7 @@ class Missing:
 
 @dataclass(frozen=True)
 class ClockPairs:
-    """The trial's time next to two other clocks, one row every few seconds.
+    """The trial's time next to two other clocks, one row each second.
 
     Attributes
     ----------

@@ -39,6 +39,13 @@ MAX_SOURCES = 255
 MAX_SEQUENCE = (1 << 32) - 1
 TRIAL = 0  # source number of records about the trial itself
 
+# Words in the JSON of records, for who writes them and who looks for them.
+TRIAL_KIND = "trial"  # of the configuration, where it is no session of a jig
+IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorder heard
+MARKER, RESUMED = "marker", "resumed"  # events
+UNPLUGGED, SILENT, UNREADABLE = "unplugged", "silent", "unreadable"  # reasons of gaps
+DAMAGE = "damage"  # likewise, in a repaired file
+
 
 class Kind(enum.IntEnum):
     """What a record holds; readers skip kinds they do not know."""
@@ -182,13 +189,6 @@ def encode_records(
         # The second checksum goes on from the first, which ties the payload to its head.
         add(pack_crc(crc32(payload, head_crc)))
     return b"".join(parts)
-
-
-def encode_record(
-    seed: int, kind: int, source: int, sequence: int, time_ns: int, payload: bytes
-) -> bytes:
-    """Return one record; parameters as for :func:`encode_records`."""
-    return encode_records(seed, sequence, [(kind, source, time_ns, payload)])
 
 
 def encode_json(value: Any, what: str) -> bytes:

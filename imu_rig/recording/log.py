@@ -254,7 +254,7 @@ class RecordLog:
         if self._writer.is_alive():
             self._fail(
                 f"{self.path}: the disk has not answered for {self._options.close_s:.0f} s, so "
-                "The end of the recording is missing; check the disk.",
+                "the end of the recording is missing; check the disk.",
                 "storage_failed",
             )
 

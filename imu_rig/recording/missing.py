@@ -1,4 +1,4 @@
-"""Where samples of a sensor are missing: what its numbers say, and why by what the file says."""
+"""What is missing: what the file says of it, and where samples are by a sensor's own numbers."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imu_rig.arrays import AnyArray, FloatArray
+from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from imu_rig.clock import NS_PER_S
 from imu_rig.packet_stream import AssembledPackets
-from imu_rig.recording.contents import Missing
+from imu_rig.recording.contents import Gap, Missing
+from imu_rig.recording.format import DAMAGE, SILENT, TRIAL, UNREADABLE, Kind
+from imu_rig.recording.scan import Records
 
 SILENCE_S = 1.0  # without a packet, after which packets without counter and clock count as missing
 
 LOST = "lost on the way"
 RESTARTED = "restarted"
 SLEPT = "the computer slept"
-SILENT = "silent"
+INTERRUPTED = "recording interrupted"
+LOST_IN_FILE = "lost in the file"
+
+LATE = (SILENT, UNREADABLE)  # reasons of gaps over which a port's bytes still belong together
+ROUNDING_S = 1e-6  # of times in gap records
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,95 @@ class Cause:
     after_s: float
     since_s: float | None
     reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """What a file says of data that are not in it.
+
+    Attributes
+    ----------
+    records : Records
+        All that is in it.
+    stated : list of (int, Gap, int)
+        Rows of the gap records, what they say, and the row of the first record of the same gap.
+    resumed_rows : shape (n,)
+        Rows at which the recording went on after an interruption.
+    """
+
+    records: Records
+    stated: list[tuple[int, Gap, int]]
+    resumed_rows: IntArray
+
+    @staticmethod
+    def of(records: Records, gaps: list[tuple[int, Gap]], resumed_rows: IntArray) -> Losses:
+        """Bring together gap records, given by row, of the same source and time."""
+        firsts: dict[tuple[int, int], int] = {}
+        stated = []
+        for row, gap in gaps:
+            first = firsts.setdefault((gap.source, int(records.time_ns[row])), row)
+            stated.append((row, gap, first))
+        return Losses(records, stated, resumed_rows)
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """Each gap once and as last stated."""
+        return [gap for _, gap in self._last_stated]
+
+    @property
+    def _last_stated(self) -> list[tuple[int, Gap]]:
+        """Gaps with the row of the first record of each; a repetition completes the first."""
+        return list({first: (first, gap) for _, gap, first in self.stated}.values())
+
+    def breaks(self, rows: IntArray, number: int) -> BoolArray:
+        """Tell before which of a source's records something may be missing."""
+        lost_before = self.records.sequence[rows].astype(np.int64) - rows
+        breaks = np.zeros(len(rows), bool)
+        breaks[1:] = np.diff(lost_before) > 0
+        own = [
+            row
+            for row, gap, first in self.stated
+            if gap.source in (number, TRIAL)
+            and gap.fields.get("reason") not in LATE
+            and (first == row or "until_s" not in gap.fields)
+        ]
+        causes = np.concatenate([np.array(own, np.int64), self.resumed_rows])
+        after = np.searchsorted(rows, causes)
+        breaks[after[(after > 0) & (after < len(rows))]] = True
+        return breaks
+
+    def causes(self, number: int, duration_s: float) -> list[Cause]:
+        """Return why bytes of a source may be missing, each with the arrival of those after it."""
+        records = self.records
+        rows = np.flatnonzero((records.kind == Kind.BYTES_IN) & (records.source == number))
+        arrival_s = np.maximum.accumulate(records.time_ns[rows]) / NS_PER_S
+
+        def after(row: int) -> float:
+            index = int(np.searchsorted(rows, row))
+            return float(arrival_s[index]) if index < len(rows) else np.inf
+
+        causes = []
+        for row, gap in self._last_stated:
+            if gap.source == TRIAL and after(row) < np.inf:  # of any source
+                causes.append(Cause(after(row), None, _reason(gap)))
+            elif gap.source == number:
+                until_s, back_s = gap.fields.get("until_s"), after(row)
+                if isinstance(until_s, int | float) and 0 <= until_s <= duration_s:
+                    back_s = until_s - ROUNDING_S
+                causes.append(Cause(back_s, gap.t, _reason(gap)))
+        for row in self.resumed_rows.tolist():
+            since_s = int(records.time_ns[row]) / NS_PER_S
+            causes.append(Cause(after(row), since_s, INTERRUPTED))
+        lost_before = records.sequence[rows].astype(np.int64) - rows
+        for index in np.flatnonzero(np.diff(lost_before, prepend=0) > 0).tolist():
+            causes.append(Cause(float(arrival_s[index]), None, LOST_IN_FILE))
+        return causes
+
+
+def _reason(gap: Gap) -> str:
+    """Return why, by the word that also stands for the same loss before the file is repaired."""
+    reason = str(gap.fields.get("reason", "unknown"))
+    return LOST_IN_FILE if reason == DAMAGE else reason
 
 
 def missing_samples(

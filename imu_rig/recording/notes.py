@@ -6,9 +6,9 @@ from typing import Any
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
 from imu_rig.recording.contents import Source
-from imu_rig.recording.format import CLOCK_PAIR, TRIAL, Kind, encode_json
+from imu_rig.recording.format import CLOCK_PAIR, RESUMED, TRIAL, Kind, encode_json
 from imu_rig.recording.log import Count, Entry, RecordingOptions, RecordLog
-from imu_rig.recording.reader import RESUMED, Trial
+from imu_rig.recording.reader import Trial
 
 _WIRE_NAMES = {Kind.BYTES_IN: "in", Kind.BYTES_OUT: "out"}
 

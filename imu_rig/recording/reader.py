@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from firmware_protocols.layout import LayoutError, PacketLayout
-from imu_rig.arrays import BoolArray, ByteArray, IntArray
+from imu_rig.arrays import ByteArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.clock import NS_PER_S, utc_of
 from imu_rig.errors import DataError, InputError
+from imu_rig.foreign_text import one_line
 from imu_rig.imu_scaling import is_inertial
 from imu_rig.imu_stream import imu_block, packet_samples
 from imu_rig.packet_stream import AssembledPackets, StreamStats, assemble_packets
@@ -24,15 +25,18 @@ from imu_rig.recording.contents import ClockPairs, Event, Gap, Marker, Missing, 
 from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
     CLOCK_PAIR,
+    IMPORTED_FROM,
+    MARKER,
+    RESUMED,
     TRIAL,
     FileHeader,
     Kind,
     decode_json,
     encode_json,
 )
-from imu_rig.recording.missing import Cause, missing_samples
+from imu_rig.recording.missing import Losses, missing_samples
 from imu_rig.recording.scan import Damage, Records, anywhere, scan_records
-from imu_rig.recording.storage import require_file
+from imu_rig.recording.storage import read_exactly, require_file
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -41,12 +45,6 @@ Direction = Literal["in", "out"]
 
 _WIRE_KIND = {"in": Kind.BYTES_IN, "out": Kind.BYTES_OUT}
 _SPAN_BYTES = 4 << 20  # read from the file at a time
-RESUMED = "resumed"
-MARKER = "marker"
-IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorder heard
-DAMAGE, LOST_IN_FILE = "damage", "lost in the file"  # in a repaired file's records, and in words
-LATE = ("silent", "unreadable")  # reasons of gaps over which a port's bytes still belong together
-ROUNDING_S = 1e-6  # of times in gap records
 LATEST_UTC_NS = 1 << 62  # in 2116; a wall clock before 1970 or after this one was never set
 
 
@@ -150,7 +148,7 @@ class Trial:
     @property
     def gaps(self) -> list[Gap]:
         """Data that the recorder knew were missing, each gap once and as last stated."""
-        return [gap for _, gap in self._gaps]
+        return self._losses.gaps
 
     @property
     def statistics(self) -> list[tuple[float, dict[str, Any]]]:
@@ -233,7 +231,7 @@ class Trial:
         try:
             return self.sources[name]
         except KeyError:
-            known = ", ".join(self.sources) or "none"
+            known = ", ".join(one_line(source) for source in self.sources) or "none"
             raise InputError(f"{self.path} has no source {name!r}; it has {known}.") from None
 
     def wire(self, name: str, direction: Direction = "in") -> Wire:
@@ -246,7 +244,7 @@ class Trial:
         """
         rows, stops, data = self._bytes(name, direction)
         t = self.records.time_ns[rows] / NS_PER_S
-        return Wire(data.tobytes(), t, stops, self._breaks(rows, self.source(name).id))
+        return Wire(data.tobytes(), t, stops, self._losses.breaks(rows, self.source(name).id))
 
     def imu(self, name: str, *, calibrated: bool = False) -> ImuBlock:
         """Return the samples of an inertial sensor; times are trial time.
@@ -328,7 +326,8 @@ class Trial:
             As :meth:`samples`.
         """
         _, packets = self._packets(name)
-        return missing_samples(packets, self._causes(name), self.duration_s)
+        causes = self._losses.causes(self.source(name).id, self.duration_s)
+        return missing_samples(packets, causes, self.duration_s)
 
     def time_uncertainty_s(self, name: str) -> float:
         """Return the standard uncertainty of a sensor's times where it is worst [s].
@@ -388,7 +387,7 @@ class Trial:
             rows, stops, data = self._bytes(name, "in")
             # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
             arrival_s = np.maximum.accumulate(self.records.time_ns[rows] / NS_PER_S)
-            breaks = self._breaks(rows, self.source(name).id)
+            breaks = self._losses.breaks(rows, self.source(name).id)
             packets = assemble_packets(layout, data.data, stops, arrival_s, breaks)
             self._decoded = name, layout, packets
         return self._decoded[1:]
@@ -415,64 +414,13 @@ class Trial:
         except LayoutError as error:
             raise InputError(f"The source {name!r} of {self.path}: {error}") from error
 
-    def _breaks(self, rows: IntArray, number: int) -> BoolArray:
-        lost_before = self.records.sequence[rows].astype(np.int64) - rows
-        breaks = np.zeros(len(rows), bool)
-        breaks[1:] = np.diff(lost_before) > 0
-        own = [
-            row
-            for row, gap, first in self._gap_records
-            if gap.source in (number, TRIAL)
-            and gap.fields.get("reason") not in LATE
-            and (first == row or "until_s" not in gap.fields)
-        ]
-        causes = np.concatenate([np.array(own, np.int64), self._resumed_rows])
-        after = np.searchsorted(rows, causes)
-        breaks[after[(after > 0) & (after < len(rows))]] = True
-        return breaks
-
-    def _causes(self, name: str) -> list[Cause]:
-        """Why bytes of a source may be missing, each with the arrival of the bytes after it."""
-        number = self.source(name).id
-        records = self.records
-        rows = np.flatnonzero((records.kind == Kind.BYTES_IN) & (records.source == number))
-        arrival_s = np.maximum.accumulate(records.time_ns[rows]) / NS_PER_S
-
-        def after(row: int) -> float:
-            index = int(np.searchsorted(rows, row))
-            return float(arrival_s[index]) if index < len(rows) else np.inf
-
-        causes = []
-        for row, gap in self._gaps:
-            if gap.source == TRIAL and after(row) < np.inf:  # of any source
-                causes.append(Cause(after(row), None, _reason(gap)))
-            elif gap.source == number:
-                until_s, back_s = gap.fields.get("until_s"), after(row)
-                if isinstance(until_s, int | float) and 0 <= until_s <= self.duration_s:
-                    back_s = until_s - ROUNDING_S
-                causes.append(Cause(back_s, gap.t, _reason(gap)))
-        for row in self._resumed_rows.tolist():
-            causes.append(Cause(after(row), self._t(row), "recording interrupted"))
-        lost_before = records.sequence[rows].astype(np.int64) - rows
-        for index in np.flatnonzero(np.diff(lost_before, prepend=0) > 0).tolist():
-            causes.append(Cause(float(arrival_s[index]), None, LOST_IN_FILE))
-        return causes
-
-    @property
-    def _gaps(self) -> list[tuple[int, Gap]]:
-        """Gaps with the row of the first record of each; a repetition completes the first."""
-        return list({first: (first, gap) for _, gap, first in self._gap_records}.values())
-
     @cached_property
-    def _gap_records(self) -> list[tuple[int, Gap, int]]:
-        """Rows of gap records, what they say, and the row of the first record of the same gap."""
-        found = []
-        firsts: dict[tuple[int, int], int] = {}
-        for row, value in self._objects(Kind.GAP):
-            number = int(self.records.source[row])
-            first = firsts.setdefault((number, int(self.records.time_ns[row])), row)
-            found.append((row, Gap(self._t(row), number, value), first))
-        return found
+    def _losses(self) -> Losses:
+        gaps = [
+            (row, Gap(self._t(row), int(self.records.source[row]), value))
+            for row, value in self._objects(Kind.GAP)
+        ]
+        return Losses.of(self.records, gaps, self._resumed_rows)
 
     def _statistics(self, number: int) -> list[tuple[float, dict[str, Any]]]:
         return [
@@ -523,14 +471,8 @@ class Trial:
             for first, last in _spans(start, stop):
                 base = int(start[first])
                 file.seek(base)
-                piece = _read_exactly(file.read, int(stop[last - 1]) - base, self.path)
+                piece = read_exactly(file, int(stop[last - 1]) - base, self.path)
                 yield slice(first, last), piece, start[first:last] - base
-
-
-def _reason(gap: Gap) -> str:
-    """Return why, by the word that also stands for the same loss before the file is repaired."""
-    reason = str(gap.fields.get("reason", "unknown"))
-    return LOST_IN_FILE if reason == DAMAGE else reason
 
 
 def _place(
@@ -556,14 +498,3 @@ def _spans(start: IntArray, end: IntArray) -> Iterator[tuple[int, int]]:
             stop = max(stop, first + 1)
             yield first, stop
             first = stop
-
-
-def _read_exactly(read: Callable[[int], bytes], size: int, path: Path) -> bytes:
-    parts = []
-    while size:
-        part = read(size)
-        if not part:
-            raise InputError(f"{path} became shorter while it was read; open it again.")
-        parts.append(part)
-        size -= len(part)
-    return b"".join(parts)

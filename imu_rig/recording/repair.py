@@ -23,7 +23,9 @@ from imu_rig.errors import InputError, NameTaken
 from imu_rig.files import whole_file
 from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
+    DAMAGE,
     RECORD_OVERHEAD,
+    RESUMED,
     SUFFIX,
     TRIAL,
     FileHeader,
@@ -34,7 +36,6 @@ from imu_rig.recording.format import (
 )
 from imu_rig.recording.log import Count, Entry
 from imu_rig.recording.notes import LONGEST_NS, wire_counts
-from imu_rig.recording.reader import DAMAGE, RESUMED
 from imu_rig.recording.scan import Damage, Records, iter_records, scan_records
 from imu_rig.recording.storage import OsFileSystem, open_undisturbed, require_space
 

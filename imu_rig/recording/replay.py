@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -12,8 +12,9 @@ from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line
 from imu_rig.recording.contents import Source
-from imu_rig.recording.format import Kind
+from imu_rig.recording.format import UNPLUGGED, Kind
 from imu_rig.recording.reader import Trial
+from imu_rig.recording.storage import read_exactly
 
 What = Literal["in", "out", "unplug", "plug", "end"]
 
@@ -28,8 +29,6 @@ MOST_EXCHANGES = 1_000_000
 
 MOST_NAMED = 5
 """Names in one sentence."""
-
-UNPLUGGED = "unplugged"
 
 _LATEST_NS = 1 << 61  # sums and differences of times stay within 64 bits
 _BLOCK_ROWS = 4096
@@ -290,7 +289,7 @@ class RecordedWires:
                 window = b""
                 if high - low <= 2 * _BLOCK_BYTES:
                     file.seek(low)
-                    window = _read_exactly(file.read, high - low, str(path))
+                    window = read_exactly(file, high - low, path)
                 for t_ns, kind, number, at, size in zip(
                     self._t_ns[block].tolist(),
                     records.kind[rows].tolist(),
@@ -303,7 +302,7 @@ class RecordedWires:
                         data = window[at - low : at - low + size]
                     else:  # pieces that stand far apart, as in a file that somebody made up
                         file.seek(at)
-                        data = _read_exactly(file.read, size, str(path))
+                        data = read_exactly(file, size, path)
                     what: What = "in" if kind == Kind.BYTES_IN else "out"
                     yield TimedChunk(t_ns, self._names[number], what, data)
 
@@ -334,13 +333,3 @@ def _times_word(count: int) -> str:
 def _hours(span_ns: int) -> str:
     seconds = span_ns / NS_PER_S
     return f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds:.3g} s"
-
-
-def _read_exactly(read: Callable[[int], bytes], size: int, path: str) -> bytes:
-    data = bytearray()
-    while len(data) < size:
-        part = read(size - len(data))
-        if not part:
-            raise InputError(f"{path} became shorter while it was replayed; open it again.")
-        data += part
-    return bytes(data)

@@ -7,6 +7,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -18,6 +19,24 @@ if sys.platform != "win32":
 _O_BINARY = getattr(os, "O_BINARY", 0)  # Windows would otherwise translate line ends
 _READ_BYTES = 1 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def read_exactly(file: BinaryIO | FileIO, size: int, path: Path) -> bytes:
+    """Read bytes that a file is known to have, with as few calls as the system allows.
+
+    Raises
+    ------
+    InputError
+        If it has become shorter meanwhile.
+    """
+    parts = []
+    while size:
+        part = file.read(size)
+        if not part:
+            raise InputError(f"{path} became shorter while it was read; open it again.")
+        parts.append(part)
+        size -= len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 class FileSystem(Protocol):

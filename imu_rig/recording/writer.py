@@ -18,6 +18,7 @@ from imu_rig.recording.contents import Source
 from imu_rig.recording.format import (
     MAX_PAYLOAD,
     MAX_SOURCES,
+    RESUMED,
     TRIAL,
     FileHeader,
     Kind,
@@ -35,7 +36,7 @@ from imu_rig.recording.notes import (
     statistics,
     time_after,
 )
-from imu_rig.recording.reader import RESUMED, open_trial
+from imu_rig.recording.reader import open_trial
 from imu_rig.recording.storage import (
     create_for_append,
     open_for_append,
@@ -229,7 +230,10 @@ class TrialWriter:
 
     @property
     def written_records(self) -> int:
-        """Records acknowledged: the system call that wrote each has returned."""
+        """Records acknowledged: the system call that wrote each has returned.
+
+        For whoever asks a file for what was promised, as the test that kills the recorder does.
+        """
         return self._log.written
 
     @property
@@ -495,7 +499,7 @@ class TrialWriter:
         return clock_pair(self._clock.now_ns(), self._options.wall_ns(), self._origin_ns)
 
     def _notes(self) -> list[Entry]:
-        """Make the records due every few seconds."""
+        """Make the records due each second."""
         return [self._clock_pair(), statistics(self._log, self._options, self._now_ns())]
 
     def _last(self) -> list[Entry]:

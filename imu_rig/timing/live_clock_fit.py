@@ -39,11 +39,6 @@ class LiveClockFit:
         """The fit as of the last update; None before the first packet."""
         return self._fit
 
-    @property
-    def remembered(self) -> int:
-        """How many packets the fit rests on."""
-        return self._table.shape[1]
-
     def update(self, device_s: FloatArray, host_s: FloatArray) -> ClockFit:
         """Take in the next packets (n >= 1, device time not decreasing); return the new fit."""
         device, host = np.asarray(device_s, dtype=float), np.asarray(host_s, dtype=float)

@@ -18,11 +18,12 @@ from damage_harness import damage, parser, problems_of
 from hypothesis import given
 from hypothesis import strategies as st
 from make_golden_trial import LAYOUT, packet
+from one_record import encode_record
 from rows_of_trials import CONFIG, DESCRIPTOR, SOURCE, numbers, write_trial
 
 from imu_rig.errors import InputError
 from imu_rig.recording import open_trial
-from imu_rig.recording.format import HEADER_SIZE, MAGIC, FileHeader, encode_record
+from imu_rig.recording.format import HEADER_SIZE, MAGIC, FileHeader
 from imu_rig.recording.repair import repair_trial
 
 PAGE = 4096

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_record import encode_record
 from rows_of_trials import FEW_NOTES
 
 import imu_rig
@@ -25,7 +26,7 @@ from imu_rig.clock import SteppedClock
 from imu_rig.errors import InputError
 from imu_rig.packet_stream import PacketStream
 from imu_rig.recording import TrialWriter
-from imu_rig.recording.format import HEADER_SIZE, Kind, decode_file_header, encode_record
+from imu_rig.recording.format import HEADER_SIZE, Kind, decode_file_header
 from imu_rig.timing import alignment_sigma_s
 
 ROOT = Path(__file__).parents[2]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_record import encode_record
 
 from imu_rig.recording.format import (
     HEADER_SIZE,
     MAX_PAYLOAD,
     SYNC,
     FileHeader,
-    encode_record,
 )
 from imu_rig.recording.scan import Damage, scan_records
 

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from make_golden_devices import golden_devices
+from one_record import encode_record
 from rows_of_trials import CONFIG, DESCRIPTOR, FEW_NOTES, SOURCE, numbers, write_trial
 
 from imu_rig.clock import SteppedClock
 from imu_rig.errors import InputError, StorageError
 from imu_rig.recording import TrialWriter, open_trial
 from imu_rig.recording import repair as repair_module
-from imu_rig.recording.format import FileHeader, Kind, encode_record
+from imu_rig.recording.format import FileHeader, Kind
 from imu_rig.recording.repair import default_target, repair_trial
 
 ROWS = 300
