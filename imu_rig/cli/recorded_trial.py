@@ -79,6 +79,7 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     statistics = trial.device_statistics(name)
     if statistics:
         facts |= {key: statistics[-1][1].get(key) for key in COUNTED}
+    facts["imported"] = trial.imported(name)
     uncertainty = trial.time_uncertainty_s(name) if count else math.nan
     facts["time_uncertainty_s"] = uncertainty if math.isfinite(uncertainty) else None
     facts["time_problem"] = trial.time_problem(name)
@@ -111,6 +112,8 @@ def recorded_lines(facts: dict[str, Any]) -> list[str]:
     for word in WORDS:
         if word in facts:
             lines += _row(word, facts[word])
+    if any(device.get("imported") for device in devices.values()):
+        lines += _row("times", "as in the file they were imported from; nobody knows how sure")
     lines += ["", *_table(devices)]
     for name, device in devices.items():
         lines += _missing(name, device.get("missing", []))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +72,8 @@ class DeviceData:
     start_utc_ns : int or None
         Wall clock at trial time 0 [ns since 1970 UTC]; None where nobody knows it.
     time_uncertainty_s : float
-        Standard uncertainty of its times where it is worst [s]; infinite where there are none.
+        Standard uncertainty of its times where it is worst [s]; infinite where there are none,
+        not a number where they were imported and nobody knows it.
     time_problem : str or None
         Why its times cannot be right, as a sentence without its stop.
     """
@@ -152,6 +154,12 @@ class DeviceData:
     def start_utc(self) -> str:
         """Wall clock at trial time 0, ISO 8601, or "unknown"."""
         return iso_utc(self.start_utc_ns)
+
+    @property
+    def time_uncertainty(self) -> str:
+        """Uncertainty of its times [s] as text, or "unknown"."""
+        sigma_s = self.time_uncertainty_s
+        return UNKNOWN if math.isnan(sigma_s) else f"{sigma_s:.3g}"
 
     @property
     def missing_samples(self) -> int:

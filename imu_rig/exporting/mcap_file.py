@@ -111,7 +111,7 @@ def _write_device(writer: Writer, device: DeviceData, output: Output) -> None:
         "device": device.name,
         "layout": device.layout,
         "calibrated": ", ".join(device.calibrated) or "none",
-        "time_uncertainty_s": f"{device.time_uncertainty_s:.3g}",
+        "time_uncertainty_s": device.time_uncertainty,
     }
     writer.add_metadata(f"device {device.name}", {**about, "topic": topic})
     channel = writer.register_channel(topic, "json", schema, about)

@@ -53,7 +53,7 @@ def _schema(data: TrialData, device: DeviceData) -> pyarrow.Schema:
     about = {
         "device": device.name,
         "layout": device.layout,
-        "time_uncertainty_s": f"{device.time_uncertainty_s:.3g}",
+        "time_uncertainty_s": device.time_uncertainty,
         "trial": json.dumps(data.about, ensure_ascii=False),
         "gaps": json.dumps(gaps, ensure_ascii=False),
         "markers": json.dumps(

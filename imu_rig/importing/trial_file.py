@@ -28,7 +28,6 @@ from imu_rig.foreign_text import one_line
 from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.recording.format import IMPORTED_FROM, TRIAL_KIND
 from imu_rig.recording.log import RecordingOptions
-from imu_rig.recording.reader import IMPORTED_FROM
 from imu_rig.recording.storage import FileSystem, OsFileSystem
 from imu_rig.recording.writer import TrialWriter
 

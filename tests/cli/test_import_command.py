@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from mcap.reader import make_reader
+from scipy.io import loadmat, savemat
 
 from imu_rig import open_trial
 from imu_rig.importing.formats import FORMATS
@@ -41,8 +42,20 @@ def test_import_info_and_export_of_two_sensors(inside, tmp_path):
     assert trial.sensors == ["left", "right"]
     assert trial.samples("right").t[0] == pytest.approx(0.25)
     assert sum(gap.samples for gap in trial.missing("left")) == 3
-    assert "right" in inside("info", out).stdout
-    inside("export", out, "--sensor", "left", "-o", tmp_path / "left.csv")
+    told = inside("info", out).stdout
+    assert "right" in told
+    assert "as in the file" in told
+    assert "±" not in told  # nobody knows how good the times of a file are
+    facts = json.loads(inside("info", out, "--json").stdout)
+    assert facts["devices"]["left"]["time_uncertainty_s"] is None
+    exported = inside("export", out, "--sensor", "left", "-o", tmp_path / "left.csv", "--json")
+    assert json.loads(exported.stdout)["devices"]["left"]["time_uncertainty_s"] is None
+    inside("export", out, "--sensor", "left", "-o", tmp_path / "left.mat")
+    assert np.isnan(loadmat(tmp_path / "left.mat")["left"]["time_uncertainty_s"].item())
+    inside("export", out, "--sensor", "left", "-o", tmp_path / "left.mcap")
+    with (tmp_path / "left.mcap").open("rb") as file:
+        metadata = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    assert metadata["device left"]["time_uncertainty_s"] == "unknown"
     assert (tmp_path / "left.csv").stat().st_size > 10_000
 
 
