@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
+import selectors
 import socket
 import sys
+import tempfile
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Literal
 
-from imu_rig.errors import PortError
+from imu_rig.errors import PortError, reason_of
 
 if sys.platform != "win32":
     import fcntl
@@ -27,6 +33,14 @@ BUFFER_BYTES = 64 * 1024
 
 CHUNK_BYTES = 4096
 LOCALHOST = "127.0.0.1"
+LONGEST_LINK = 60
+
+Transport = Literal["pty", "tcp"]
+"""Pseudo-terminals, or sockets on this machine."""
+
+_Selector: type[selectors.BaseSelector] = getattr(
+    selectors, "PollSelector", selectors.SelectSelector
+)
 
 
 class SimulatedPort(ABC):
@@ -343,3 +357,79 @@ class TcpPort(SimulatedPort):
             self._client.close()
             self._client = None
         self._waiting.clear()
+
+
+def port_maker(
+    transport: Transport, resources: ExitStack, folder: Path | None = None
+) -> Callable[[str], SimulatedPort]:
+    """Return what makes ports of devices by their names, plugged in until ``resources`` close.
+
+    Parameters
+    ----------
+    transport : str
+    resources : ExitStack
+        Takes the ports away, and what was made for them.
+    folder : Path, optional
+        Where pseudo-terminals get their stable names; otherwise a temporary one.
+
+    Raises
+    ------
+    PortError
+        If the folder cannot be made; from the function, if a name or a port cannot be had.
+    """
+    if transport == "pty":
+        if folder is None:
+            temporary = tempfile.TemporaryDirectory(prefix="imu-rig-")
+            resources.callback(temporary.cleanup)
+            folder = Path(temporary.name)
+        _require_folder(folder)
+    links: list[str] = []
+
+    def make(name: str) -> SimulatedPort:
+        port: SimulatedPort
+        if folder is None or transport == "tcp":
+            port = TcpPort()
+        else:
+            links.append(_link(name, links))
+            _require_free(folder / links[-1])
+            port = PtyPort(folder / links[-1])
+        resources.callback(port.unplug)
+        port.plug()
+        return port
+
+    return make
+
+
+def wait_readable(descriptors: Iterable[int], seconds: float) -> None:
+    """Wait until a client writes, for ``seconds`` at most."""
+    with _Selector() as selector:
+        for descriptor in set(descriptors):
+            selector.register(descriptor, selectors.EVENT_READ)
+        selector.select(seconds)
+
+
+def _link(name: str, taken: list[str]) -> str:
+    """Return a file name for a device, whatever it is called."""
+    number = len(taken) + 1
+    word = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-")[:LONGEST_LINK] or f"source-{number}"
+    known = {link.lower() for link in taken}
+    while word.lower() in known:
+        word += f"-{number}"
+    return word
+
+
+def _require_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PortError(
+            f"The folder {folder} for the ports cannot be made ({reason_of(error)})."
+        ) from error
+
+
+def _require_free(link: Path) -> None:
+    """Refuse to put a port in the place of anything but the trace of one that is gone."""
+    if link.exists():
+        raise PortError(
+            f"{link} exists already: end the replay that has it, or name another folder."
+        )

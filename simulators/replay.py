@@ -7,23 +7,20 @@ It takes what happened on the wires as an iterable, and knows nothing of the fil
 from __future__ import annotations
 
 import math
-import re
-import selectors
-import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
 
 from imu_rig.clock import NS_PER_S, Clock, SteppedClock, SystemClock
-from imu_rig.errors import PortError, reason_of
-from simulators.ports import PtyPort, SimulatedPort, TcpPort
+from simulators.ports import SimulatedPort, Transport, port_maker, wait_readable
 from simulators.recorded_answers import RecordedAnswers, Reply
+from simulators.replay_ports import SETTLE_S, ServedSource
 
 TimedChunk = tuple[int, str, Literal["in", "out", "unplug", "plug", "end"], bytes]
 """Time [ns], source, what happened and bytes; see `imu_rig.recording.replay.TimedChunk`."""
@@ -35,8 +32,6 @@ FAST = math.inf
 IDLE_S = 0.01  # longest time between two looks at the ports
 BUSY_S = 0.002  # between two attempts to send to a client that is behind
 FINE_S = 0.0015  # waits below this are slept, above it a client's word ends them
-SETTLE_S = 0.25  # a program that opens a terminal throws away what came before it was set up
-QUIET_S = 0.1  # for which a terminal must look empty to be empty
 RETURN_S = 2.0  # of replay time, for which a port that is plugged in again waits for its client
 
 FOLLOW_S = 0.5  # of both clocks, for which the data wait for a command that was due
@@ -46,16 +41,9 @@ LINGER_S = 5.0  # of the clock: for a program that asks and is behind to finish 
 WAITING_BYTES = 256 * 1024
 """What one client may be behind, besides the system's own buffers, before the replay waits."""
 
-SEND_BYTES = 16 * 1024
-RECEIVED_BYTES = 1 << 20
 MOST_AT_ONCE = 2000
 MOST_LATE = 20_000
 SHORTEST_LOOP_NS = 1_000_000
-LONGEST_LINK = 60
-
-_Selector: type[selectors.BaseSelector] = getattr(
-    selectors, "PollSelector", selectors.SelectSelector
-)
 
 
 @dataclass(frozen=True)
@@ -126,7 +114,7 @@ class Replay:
         *,
         clock: Clock | None = None,
         speed: float = 1.0,
-        transport: Literal["pty", "tcp"] = "pty",
+        transport: Transport = "pty",
         answers: Mapping[str, Iterable[tuple[int, bytes, Reply]]] | None = None,
         wait: bool = True,
         loop: bool = False,
@@ -142,7 +130,7 @@ class Replay:
         self._answers = answers or {}
         self._wait_for_clients, self._loop, self._unplug = wait, loop, unplug_in_gaps
         self._folder = folder
-        self._served: dict[str, _Served] = {}
+        self._served: dict[str, ServedSource] = {}
         self._lock = threading.RLock()
         self._stopping = threading.Event()
         self._finished = threading.Event()
@@ -187,23 +175,23 @@ class Replay:
         if self._served or self._stopping.is_set():
             return
         with ExitStack() as resources:
-            ports = self._made_ports(resources)
-            for port in ports.values():
-                resources.callback(port.unplug)
-                port.plug()
-            for name, port in ports.items():
-                answers = self._answers.get(name)
-                self._served[name] = _Served(
-                    name,
-                    port,
-                    settle_s=SETTLE_S if self._transport == "pty" else 0.0,
-                    answers=None if answers is None else RecordedAnswers(answers),
-                )
+            make = port_maker(self._transport, resources, self._folder)
+            served = {name: self._serving(name, make(name)) for name in self._names}
             self._resources = resources.pop_all()
+        self._served = served
         self._script = iter(self._chunks)
         if not isinstance(self._clock, SteppedClock):
             self._thread = threading.Thread(target=self._pump, name="replay", daemon=True)
             self._thread.start()
+
+    def _serving(self, name: str, port: SimulatedPort) -> ServedSource:
+        answers = self._answers.get(name)
+        return ServedSource(
+            name,
+            port,
+            settle_s=SETTLE_S if self._transport == "pty" else 0.0,
+            answers=None if answers is None else RecordedAnswers(answers),
+        )
 
     def stop(self) -> None:
         """Take the ports away and end the thread. Does nothing the second time."""
@@ -345,9 +333,7 @@ class Replay:
             data = each.port.read()
             each.look(now_s, keep=keep or self._returning(each))
             if data:
-                each.speaks()
-                each.received += data
-                del each.received[:-RECEIVED_BYTES]
+                each.hear(data)
             if each.answers is not None:
                 for reply in each.answers.answer(data, self._position_ns(), now_s):
                     # a clock that stands still would keep the reply until the next step
@@ -436,7 +422,7 @@ class Replay:
             self._plug(each)
         self._played_ns = max(self._played_ns, t_ns)
 
-    def _plug(self, each: _Served) -> None:
+    def _plug(self, each: ServedSource) -> None:
         each.port.plug()
         each.returning_ns = self._base_ns + self._played_ns
 
@@ -449,7 +435,7 @@ class Replay:
         self._played_ns = 0
         self._script = iter(self._chunks)
 
-    def _send_replies(self, each: _Served) -> float:
+    def _send_replies(self, each: ServedSource) -> float:
         """Queue the replies that are due; return the time until the next is [s of the clock]."""
         now = self._clock.now_ns()
         while each.replies and each.replies[0][0] <= now:
@@ -511,7 +497,7 @@ class Replay:
     def _due_ns(self) -> int:
         return self._base_ns + (self._next[0] if self._next else 0)
 
-    def _returning(self, each: _Served) -> bool:
+    def _returning(self, each: ServedSource) -> bool:
         """Whether a port was plugged in again so recently that its client may not know it."""
         if each.returning_ns is None:
             return False
@@ -565,10 +551,7 @@ class Replay:
         if not descriptors:
             self._stopping.wait(seconds - FINE_S / 2)
             return
-        with _Selector() as selector:
-            for descriptor in set(descriptors):
-                selector.register(descriptor, selectors.EVENT_READ)
-            selector.select((seconds - FINE_S / 2) // 0.001 * 0.001)
+        wait_readable(descriptors, (seconds - FINE_S / 2) // 0.001 * 0.001)
 
     def _stepped_clock(self) -> SteppedClock:
         if not isinstance(self._clock, SteppedClock):
@@ -592,124 +575,3 @@ class Replay:
                 raise RuntimeError(f"nobody has opened the port of {', '.join(missing)} yet.")
         if self._origin_ns is None:
             self._origin_ns = self._clock.now_ns()
-
-    def _made_ports(self, resources: ExitStack) -> dict[str, SimulatedPort]:
-        if self._transport == "tcp":
-            return {name: TcpPort() for name in self._names}
-        if self._folder is None:
-            temporary = tempfile.TemporaryDirectory(prefix="imu-rig-")
-            resources.callback(temporary.cleanup)
-            folder = Path(temporary.name)
-        else:
-            folder = self._folder
-            _require_folder(folder)
-        links = _links(self._names)
-        for link in links.values():
-            _require_free(folder / link)
-        return {name: PtyPort(folder / link) for name, link in links.items()}
-
-
-@dataclass
-class _Served:
-    """One source, its port and its client.
-
-    ``since_s`` is when the client came, None without one; ``returning_ns`` when the port was
-    plugged in again, in replay time, until its client is back.
-    """
-
-    name: str
-    port: SimulatedPort
-    settle_s: float
-    answers: RecordedAnswers | None
-    queue: bytearray = field(default_factory=bytearray)
-    replies: deque[tuple[int, bytes]] = field(default_factory=deque)
-    received: bytearray = field(default_factory=bytearray)
-    sent: int = 0
-    lost: int = 0
-    since_s: float | None = None
-    returning_ns: float | None = None
-    told_end: bool = False
-    empty_since_s: float | None = None
-
-    @property
-    def ready(self) -> bool:
-        """Whether a client is there and has had the time to set its port up."""
-        return self.since_s is not None and time.monotonic() - self.since_s >= self.settle_s
-
-    def look(self, now_s: float, *, keep: bool) -> None:
-        """See whether the client has come or gone; ``keep`` what it left for the next."""
-        if not self.port.connected:
-            self.since_s = None
-            self.replies.clear()
-            if self.answers is not None:
-                self.answers.forget()
-            if not keep:
-                self.lost += len(self.queue)
-                self.queue.clear()
-        elif self.since_s is None:
-            self.since_s = now_s
-
-    def speaks(self) -> None:
-        """Take note that the client writes, so that it has set its port up."""
-        if self.since_s is not None:
-            self.since_s = min(self.since_s, time.monotonic() - self.settle_s)
-
-    def reply(self, reply: Reply, now_ns: int, speed: float) -> None:
-        """Put a reply on its way; replies never overtake one another."""
-        for delay_ns, data in reply:
-            due = now_ns + int(delay_ns / speed)
-            if self.replies:
-                due = max(due, self.replies[-1][0])
-            self.replies.append((due, data))
-
-    def all_taken(self) -> bool:
-        """Whether the client has read everything for a while.
-
-        In the middle of a client's read a terminal looks empty, with more to come into it.
-        """
-        now_s = time.monotonic()
-        if not self.port.all_taken():
-            self.empty_since_s = None
-            return False
-        if self.empty_since_s is None:
-            self.empty_since_s = now_s
-        quiet_s = min(self.settle_s, QUIET_S)
-        return self.since_s is None or now_s - self.empty_since_s >= quiet_s
-
-    def flush(self) -> None:
-        """Send what the client has room for."""
-        while self.queue and self.ready:
-            count = self.port.offer(bytes(self.queue[:SEND_BYTES]))
-            if not count:
-                break
-            del self.queue[:count]
-            self.sent += count
-            self.empty_since_s = None
-
-
-def _links(names: Sequence[str]) -> dict[str, str]:
-    """Return a file name for each source, whatever it is called."""
-    links: dict[str, str] = {}
-    for number, name in enumerate(names, 1):
-        word = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-")[:LONGEST_LINK]
-        if not word or word.lower() in {link.lower() for link in links.values()}:
-            word = f"{word}-{number}" if word else f"source-{number}"
-        links[name] = word
-    return links
-
-
-def _require_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PortError(
-            f"The folder {folder} for the ports cannot be made ({reason_of(error)})."
-        ) from error
-
-
-def _require_free(link: Path) -> None:
-    """Refuse to put a port in the place of anything but the trace of one that is gone."""
-    if link.exists():
-        raise PortError(
-            f"{link} exists already: end the replay that has it, or name another folder."
-        )

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import selectors
-import tempfile
 import threading
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +14,7 @@ from imu_rig.arrays import FloatArray
 from imu_rig.clock import NS_PER_S, Clock, SteppedClock
 from simulators.config import RigConfig
 from simulators.models import JigModel, Matrix3, Vector3
-from simulators.ports import PtyPort, SimulatedPort, TcpPort
+from simulators.ports import SimulatedPort, Transport, port_maker, wait_readable
 from simulators.world import World, WorldState
 
 __all__ = ["AffineTruth", "RigConfig", "RigTruth", "SimulatedRig"]
@@ -32,10 +29,6 @@ SHORTEST_WAIT_S = 0.001
 
 SLICE_S = 0.05
 """Longest step of the world between two looks at the ports, when it lags behind its clock."""
-
-_Selector: type[selectors.BaseSelector] = getattr(
-    selectors, "PollSelector", selectors.SelectSelector
-)
 
 
 @dataclass(frozen=True)
@@ -116,9 +109,7 @@ class SimulatedRig:
         If the configuration cannot be used.
     """
 
-    def __init__(
-        self, config: RigConfig, *, clock: Clock, transport: Literal["pty", "tcp"] = "pty"
-    ) -> None:
+    def __init__(self, config: RigConfig, *, clock: Clock, transport: Transport = "pty") -> None:
         self.config = config
         self.truth = RigTruth.of(config)
         self.world = World(config)
@@ -176,16 +167,8 @@ class SimulatedRig:
         if self._ports:
             return
         with ExitStack() as resources:
-            ports: dict[str, SimulatedPort]
-            if self._transport == "pty":
-                folder = tempfile.TemporaryDirectory(prefix="imu-rig-")
-                resources.callback(folder.cleanup)
-                ports = {device: PtyPort(Path(folder.name) / device) for device in DEVICES}
-            else:
-                ports = {device: TcpPort() for device in DEVICES}
-            for port in ports.values():
-                resources.callback(port.unplug)
-                port.plug()
+            make = port_maker(self._transport, resources)
+            ports = {device: make(device) for device in DEVICES}
             self._resources = resources.pop_all()
         self._ports = ports
         self._origin_ns = self._clock.now_ns() - round(self.world.t_s * NS_PER_S)
@@ -322,10 +305,7 @@ class SimulatedRig:
         if not descriptors:
             self._stopping.wait(seconds)
             return
-        with _Selector() as selector:
-            for descriptor in set(descriptors):
-                selector.register(descriptor, selectors.EVENT_READ)
-            selector.select(seconds)
+        wait_readable(descriptors, seconds)
 
 
 def _affine(gain: Matrix3, offset: Vector3) -> AffineTruth:

@@ -8,13 +8,11 @@ its sensor and the physics between them there is `simulators.rig`.
 from __future__ import annotations
 
 import math
-import re
-import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from simulators.device_packets import DevicePackets
 from simulators.maestro_board import MaestroBoard
 from simulators.maestro_motion import TICK_S
 from simulators.models import MaestroModel
-from simulators.ports import PtyPort, SimulatedPort, TcpPort
+from simulators.ports import SimulatedPort, Transport, port_maker
 
 PUMP_S = 0.004
 """Time on the clock between two looks at what is due."""
@@ -54,25 +52,20 @@ class ServedDevices:
         "pty" for pseudo-terminals, "tcp" for sockets on this machine.
     """
 
-    def __init__(
-        self, clock: Clock | None = None, transport: Literal["pty", "tcp"] = "pty"
-    ) -> None:
+    def __init__(self, clock: Clock | None = None, transport: Transport = "pty") -> None:
         self.clock: Clock = SystemClock() if clock is None else clock
-        self._transport = transport
         self._devices: dict[str, _Device] = {}
         self._servos: dict[str, _Servos] = {}
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._pump, name="served-devices", daemon=True)
         self._resources = ExitStack()
-        self._folder = Path()
+        self._transport: Transport = transport
+        self._make_port: Callable[[str], SimulatedPort]
 
     def __enter__(self) -> Self:
         """Begin to serve."""
-        if self._transport == "pty":
-            folder = tempfile.TemporaryDirectory(prefix="imu-rig-")
-            self._resources.callback(folder.cleanup)
-            self._folder = Path(folder.name)
+        self._make_port = port_maker(self._transport, self._resources)
         self._thread.start()
         return self
 
@@ -179,18 +172,9 @@ class ServedDevices:
 
     def _new_port(self, name: str) -> SimulatedPort:
         """Make the port of a device and plug it; the caller holds the lock."""
-        known = len(self._devices) + len(self._servos)
         if name in self._devices or name in self._servos:
             raise ValueError(f"there is a device {name!r} already")
-        port: SimulatedPort
-        if self._transport == "pty":
-            word = re.sub(r"[^A-Za-z0-9]+", "-", name)
-            port = PtyPort(self._folder / f"{known + 1}-{word}")
-        else:
-            port = TcpPort()
-        self._resources.callback(port.unplug)
-        port.plug()
-        return port
+        return self._make_port(name)
 
     def _pump(self) -> None:
         wait_s = max(PUMP_S / self.clock.speed, SHORTEST_WAIT_S)

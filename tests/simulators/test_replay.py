@@ -12,7 +12,8 @@ from imu_rig.clock import NS_PER_S, SteppedClock
 from imu_rig.devices.ports import Port, open_port
 from imu_rig.errors import DeviceLost, PortError
 from simulators.recorded_answers import RecordedAnswers
-from simulators.replay import FAST, SETTLE_S, Replay
+from simulators.replay import FAST, Replay
+from simulators.replay_ports import SETTLE_S
 
 PATIENCE_S = 5.0
 MS = 1_000_000
