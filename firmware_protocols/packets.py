@@ -36,7 +36,7 @@ def counts(layout: PacketLayout, rows: Rows, name: str) -> AnyArray:
     if field.type == "pad":
         return raw
     if not field.is_integer:
-        return raw.astype(np.float64)
+        return _as_floats(raw)
     if field.bits == 24:
         return _from_24_bits(raw, layout.order(field), signed=field.type[0] == "i")
     return raw.astype(np.int64)
@@ -48,15 +48,18 @@ def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
     Returns
     -------
     shape (n,) or (n, count), float64
-        ``(counts - zero) / counts_per_unit``, then turned by ``axes``.
+        ``(counts - zero) / counts_per_unit``, then turned by ``axes``; infinite where that is
+        beyond a number, as by a layout that nobody measured with.
     """
     field = layout.field(name)
     if field.bits == 24:
         scaled: FloatArray = counts(layout, rows, name).astype(np.float64)
     else:
-        scaled = rows[name].astype(np.float64)
-    scaled -= field.zero
-    scaled /= field.counts_per_unit
+        scaled = _as_floats(rows[name])
+    with np.errstate(over="ignore"):
+        if field.zero != 0.0:
+            scaled -= field.zero
+        scaled /= field.counts_per_unit
     if field.axes is None:
         return scaled
     columns, signs = _axes(field.axes)
@@ -168,6 +171,11 @@ def _is_vector(field: Field) -> bool:
 def _axes(axes: tuple[str, ...]) -> tuple[list[int], FloatArray]:
     columns = ["xyz".index(a[1]) for a in axes]
     return columns, np.array([-1.0 if a[0] == "-" else 1.0 for a in axes])
+
+
+def _as_floats(raw: AnyArray) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # bytes may be those of a NaN that signals
+        return raw.astype(np.float64)
 
 
 def _from_24_bits(raw: AnyArray, byte_order: str, *, signed: bool) -> AnyArray:

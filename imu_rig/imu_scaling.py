@@ -77,8 +77,9 @@ def si_values(
         "temperature" [degC], shape (n,), where the layout has them.
     """
     columns = {name: values(layout, rows, name) for name in factors}
-    for name, factor in factors.items():
-        columns[name] *= factor
+    with np.errstate(over="ignore"):  # infinite then, as of `values`
+        for name, factor in factors.items():
+            columns[name] *= factor
     for name in INERTIAL_FIELDS:
         if name not in columns:
             columns[name] = np.full((len(rows), 3), np.nan)
@@ -100,7 +101,8 @@ def field_values(
         numbers, unit = values(layout, rows, field.name), field.unit
         factor = _UNITS.get(field.name, {}).get(unit)
         if factor is not None:
-            numbers *= factor
+            with np.errstate(over="ignore"):
+                numbers *= factor
             unit = _SI_UNITS[field.name]
         columns[field.name], units[field.name] = numbers, unit
     return columns, units

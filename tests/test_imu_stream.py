@@ -12,6 +12,7 @@ from firmware_protocols.layout import Checksum, Field, PacketLayout, load_layout
 from firmware_protocols.packets import encode
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import InputError
+from imu_rig.imu_scaling import field_values, si_factors, si_values
 from imu_rig.imu_stream import ImuStream, imu_block
 from imu_rig.packet_stream import assemble_packets
 from imu_rig.units import DEG, STANDARD_GRAVITY
@@ -361,3 +362,13 @@ def test_a_clock_that_cannot_be_right_is_said_and_one_that_can_is_not():
     for pace, word in ((1.05, r"\+5 %"), (0.95, "-5 %"), (1.005, None)):
         problem = whole(MPU, pieces, ORIGIN_S + pace * np.arange(2000) / 100.0).time_problem
         assert problem is None if word is None else re.search(word, problem)
+
+
+def test_a_hostile_scale_gives_infinities_without_a_warning():  # warnings are errors here
+    accel = Field("accel", "i16", count=3, unit="g", counts_per_unit=1e-304)
+    hostile = PacketLayout(name="x", title="", header=b"\x7e", fields=(accel,), byte_order="little")
+    rows = np.zeros(1, hostile.dtype)
+    rows["accel"] = 32767
+    found = si_values(hostile, rows, si_factors(hostile))["accel"]
+    assert np.isinf(found).all()
+    assert np.array_equal(field_values(hostile, rows)[0]["accel"], found)

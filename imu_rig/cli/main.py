@@ -31,6 +31,7 @@ from imu_rig.cli import (
     solve,
     verify,
 )
+from imu_rig.cli.signals import leave_on_signals
 from imu_rig.cli.terminal import fitted
 from imu_rig.errors import ImuRigError, StorageError
 
@@ -85,6 +86,7 @@ def run() -> None:
             setattr(sys, name, io.StringIO())
         elif isinstance(stream, io.TextIOWrapper):  # names in files may hold anything
             stream.reconfigure(errors="backslashreplace")
+    leave_on_signals()
     try:
         app()
         sys.stdout.flush()

@@ -1,8 +1,9 @@
-"""Signals as requests to stop."""
+"""Signals as requests to stop, or to leave at once and tidily."""
 
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -12,6 +13,22 @@ from imu_rig.stopping import StopRequest
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 BRIEF = ("SIGTERM", "SIGHUP")
 """Sent by who ends programs and closes terminals: nobody waits for figures."""
+
+
+def leave_on_signals() -> None:
+    """Let `BRIEF` signals end the program as an exception does, so that no half file is left.
+
+    For commands without a stop of their own. A SIGHUP that is ignored already stays so.
+    """
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        del frame
+        sys.exit(128 + number)
+
+    for name in BRIEF:
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, leave)
 
 
 @contextmanager

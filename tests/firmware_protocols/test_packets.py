@@ -187,3 +187,20 @@ def test_rows_of_another_layout_are_refused():
 
 def test_no_packets_encode_to_no_bytes():
     assert encode(MPU, np.zeros(0, dtype=MPU.dtype)) == b""
+
+
+def test_a_scale_beyond_numbers_gives_infinities_without_a_warning():  # warnings are errors here
+    fields = (
+        Field("accel", "i16", count=3, counts_per_unit=5e-324),
+        Field("gyro", "f64", count=3, counts_per_unit=1e-300, zero=-1e300),
+        Field("mag", "f32", count=3),
+    )
+    layout = PacketLayout("x", "", "little", b"\x7e", fields)
+    rows = np.zeros(2, layout.dtype)
+    rows["accel"] = [[1, -1, 0]]
+    rows["gyro"] = 1e308
+    rows["mag"].view(np.uint32)[:] = 0x7F800001  # not a number, of the kind that signals
+    assert values(layout, rows, "accel")[0].tolist() == [np.inf, -np.inf, 0.0]
+    assert np.isinf(values(layout, rows, "gyro")).all()
+    assert np.isnan(values(layout, rows, "mag")).all()
+    assert np.isnan(counts(layout, rows, "mag")).all()
