@@ -19,6 +19,7 @@ from imu_rig.errors import StorageError
 from imu_rig.recording.format import MAX_SEQUENCE, RECORD_OVERHEAD, Kind, encode_records
 from imu_rig.recording.latency import Latency, LatencyCounts
 from imu_rig.recording.storage import DISK_FULL, FileSystem, OsFileSystem
+from imu_rig.recording.watch_file import SavedCopy, find_accident
 
 Entry = tuple[int, int, int, bytes]  # kind, source, trial time [ns], payload
 Item = Entry | threading.Event | None  # a record, a mark to set when passed, or the end
@@ -26,6 +27,7 @@ Item = Entry | threading.Event | None  # a record, a mark to set when passed, or
 _BYTES_IN = int(Kind.BYTES_IN)  # members of an enumeration are slow to compare and to hash
 _JOINED_WRITE_BYTES = 1 << 16
 _RESERVE_BYTES = 1 << 20  # room in the queue that is kept for events and the like
+_END_BYTES = 1 << 16  # room on the disk that is kept for the end of the trial
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,9 @@ class RecordLog:
         self._sync_failed = False
         self._torn_bytes = 0  # of a failed write, where the file could not be cut back either
         self._error_lock = threading.Lock()
+        self._saved: SavedCopy | None = None  # of a file that was deleted
+        self._look_lock = threading.Lock()
+        self._give_back_room: Callable[[], None] = lambda: None
         self._periodic: Callable[[], list[Entry]] = list
         self._last: Callable[[], list[Entry]] = list
         self._due = 0.0
@@ -203,6 +208,8 @@ class RecordLog:
     def start(self, periodic: Callable[[], list[Entry]]) -> None:
         """Start the threads; ``periodic`` makes the records for each ``note_s``."""
         self._periodic = periodic
+        with contextlib.suppress(OSError):
+            self._give_back_room = self._file_system.hold_room(self.path.parent, _END_BYTES)
         self._due = time.monotonic() + self._options.note_s
         self._writer.start()
         self._syncer.start()
@@ -376,7 +383,9 @@ class RecordLog:
         problem = None
         try:
             count = self._file_system.write(self._descriptor, block)
-            if count != len(block):  # a regular file takes less only when there is no more room
+            if count != len(block):  # writing the rest tells why it was not taken
+                count += self._file_system.write(self._descriptor, block[count:])
+            if count != len(block):
                 problem = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             problem = error
@@ -393,12 +402,18 @@ class RecordLog:
         return problem
 
     def _fail_on(self, problem: OSError, kept: str = "which are kept") -> None:
-        full = problem.errno in DISK_FULL
-        state, advice = ("is full", "free some space") if full else ("fails", "check the disk")
+        subject, advice = f"The disk of {self.path} fails", "check the disk"
+        if problem.errno in DISK_FULL:
+            subject, advice = f"The disk of {self.path} is full", "free some space"
+        if problem.errno == errno.EFBIG:
+            subject = (
+                f"{self.path} has reached the largest size that its disk or its user's limit allows"
+            )
+            advice = "start another trial, raise the limit or record to another disk"
         self._fail(
-            f"The disk of {self.path} {state} ({problem.strerror}); the recording stopped after "
-            f"{self.sequence} records, {kept}; {advice} before you go on.",
-            "disk_full" if full else "storage_failed",
+            f"{subject} ({problem.strerror}); the recording stopped after {self.sequence} "
+            f"records, {kept}; {advice} before you go on.",
+            "disk_full" if problem.errno in (*DISK_FULL, errno.EFBIG) else "storage_failed",
         )
 
     def _fail(self, sentence: str, end_reason: str) -> None:
@@ -411,7 +426,41 @@ class RecordLog:
         if self._on_error is not None:
             self._on_error(error)
 
+    def _look_at_file(self) -> None:
+        """See that the file is still there and whole; save what it holds where it is not."""
+        with self._look_lock:
+            if self._error is not None:
+                return
+            accident = find_accident(self._descriptor, self.path, self.offset)
+            if accident is None or accident.kind == "moved":
+                return
+            stopped = f"the recording stopped after {self.sequence} records"
+            if accident.kind == "shortened":
+                kept = "of which those cut off are lost"
+            else:
+                try:
+                    self._saved = SavedCopy(self._descriptor, self.path)
+                    kept = f"which are kept in {self._saved.path}"
+                except StorageError as error:
+                    kept = f"which are lost: {error}"
+            self._fail(
+                f"{accident.sentence}; {stopped}, {kept}; leave the file alone until its recording "
+                "has ended.",
+                "storage_failed",
+            )
+
+    def _say_where_it_is(self) -> None:
+        """Say after its end that a recording is whole, but not where it was to be."""
+        if self._error is not None:
+            return
+        accident = find_accident(self._descriptor, self.path, 0)
+        if accident is not None:
+            self._fail(f"{accident.sentence}; the recording is whole there.", "storage_failed")
+
     def _finish(self) -> None:
+        self._give_back_room()
+        self._look_at_file()
+        self.offset = min(self.offset, os.fstat(self._descriptor).st_size)  # it was shortened
         # After a failure too: cutting the file back often leaves room for something small.
         problem = self._commit(self._last())
         if problem is not None:
@@ -420,10 +469,14 @@ class RecordLog:
         self._stop_sync.set()
         self._syncer.join()
         self._sync()
+        self._say_where_it_is()
+        if self._saved is not None:
+            self._saved.close()
         os.close(self._descriptor)
 
     def _keep_syncing(self) -> None:
         while not self._stop_sync.wait(self._options.sync_s):
+            self._look_at_file()
             self._sync()
 
     def _sync(self) -> None:

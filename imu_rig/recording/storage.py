@@ -5,7 +5,8 @@ import os
 import shutil
 import stat
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -58,6 +59,10 @@ class FileSystem(Protocol):
         """Return what the user can still write to the disk of ``folder``."""
         ...
 
+    def hold_room(self, folder: Path, size: int) -> Callable[[], None]:
+        """Take up ``size`` bytes of the disk of ``folder``; return what gives them back."""
+        ...
+
 
 class OsFileSystem:
     """The machine's file system."""
@@ -81,6 +86,16 @@ class OsFileSystem:
         """Return the free space."""
         return shutil.disk_usage(folder).free
 
+    def hold_room(self, folder: Path, size: int) -> Callable[[], None]:
+        """Fill a file without a name, which a killed program does not leave behind."""
+        file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115  (closed by its user)
+        try:
+            file.write(b"\xff" * size)
+        except OSError:
+            file.close()
+            raise
+        return file.close
+
 
 def create_for_append(path: Path) -> int:
     """Create a file that must not exist yet and return its locked descriptor.
@@ -94,7 +109,7 @@ def create_for_append(path: Path) -> int:
     """
     try:
         descriptor = os.open(
-            path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | _O_BINARY, 0o666
+            path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_APPEND | _O_BINARY, 0o666
         )
     except FileExistsError as error:
         raise NameTaken(
@@ -116,7 +131,7 @@ def open_for_append(path: Path) -> int:
         If the disk refuses.
     """
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | _O_BINARY)
+        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | _O_BINARY)
     except OSError as error:
         raise _refused(path, "be continued", error) from error
     return _locked(descriptor, path)

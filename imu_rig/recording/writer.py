@@ -147,7 +147,7 @@ class TrialWriter:
             sync_folder(path.parent)
         except StorageError:
             log.abandon()
-            path.unlink()
+            path.unlink(missing_ok=True)
             raise
         log.start(writer._notes)
         return writer

@@ -13,8 +13,9 @@ from imu_rig.recording.storage import OsFileSystem
 class FailingFileSystem(OsFileSystem):
     """Fails its ``failing``-th write, counted from 1, and with ``lasting`` all that follow.
 
-    ``problem`` is the error number of the failing write; 0 makes it take half of the bytes. With
-    ``uncut`` the file cannot be cut back afterwards either.
+    ``problem`` is the error number of the failing write; 0 makes it take half of the bytes, and
+    the write of the rest says that the disk is full. With ``uncut`` the file cannot be cut back
+    afterwards either.
     """
 
     failing: int
@@ -22,13 +23,18 @@ class FailingFileSystem(OsFileSystem):
     lasting: bool = False
     uncut: bool = False
     count: int = field(default=0, init=False)
+    rest_refused: bool = field(default=False, init=False)
 
     def write(self, descriptor: int, data: bytes) -> int:
+        if self.rest_refused:
+            self.rest_refused = False
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self.count += 1
         if self.count == self.failing or (self.lasting and self.count > self.failing):
             taken = os.write(descriptor, data[: len(data) // 2])
             if self.problem:
                 raise OSError(self.problem, os.strerror(self.problem))
+            self.rest_refused = True
             return taken
         return super().write(descriptor, data)
 
