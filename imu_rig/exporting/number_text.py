@@ -28,8 +28,8 @@ _DIGITS = np.frombuffer("".join(f"{n:04d}" for n in range(10_000)).encode(), np.
 def decimals_of(values: FloatArray) -> int | None:
     """Return how many decimals a column needs; None where only an exponent will do.
 
-    The fewest that hold every value exactly, as whole numbers and short decimals have them, else
-    as many as give the largest value `SIGNIFICANT` digits.
+    As many as give the largest value `SIGNIFICANT` digits, without those that are 0 in every
+    value, as in whole numbers, short decimals and their sums.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max(initial=0.0))
@@ -39,14 +39,14 @@ def decimals_of(values: FloatArray) -> int | None:
         return None
     most = max(0, SIGNIFICANT - 1 - math.floor(math.log10(largest)))
     for decimals in range(most):
-        if _exact(finite[:JUDGED], decimals) and _exact(finite, decimals):
+        if all(_enough(part, decimals, most) for part in (finite[:JUDGED], finite)):
             return decimals
     return most
 
 
-def _exact(values: FloatArray, decimals: int) -> bool:
-    power = 10.0**decimals
-    return bool(np.array_equal(np.rint(values * power) / power, values))
+def _enough(values: FloatArray, decimals: int, most: int) -> bool:
+    """Whether all digits from ``decimals`` to ``most`` places behind the point are 0."""
+    return not np.any(np.rint(values * 10.0**most) % 10.0 ** (most - decimals))
 
 
 def number_text(values: FloatArray, decimals: int | None) -> Bytes:

@@ -12,6 +12,7 @@ from imu_rig.exporting.device_data import TrialData
 from imu_rig.exporting.formats import export_trial
 from imu_rig.recording import Trial, open_trial
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "export-trials.md"
 IMU_COLUMNS = [
     *("t_s", "accel_x_mps2", "accel_y_mps2", "accel_z_mps2"),
     *("gyro_x_radps", "gyro_y_radps", "gyro_z_radps"),
@@ -50,6 +51,16 @@ def test_an_imu_reads_back_as_it_measured(folder: Path, device: Device, name: st
     assert np.all(np.abs(found - expected) <= 1.1e-9 * np.abs(expected).max(axis=0))
     assert np.array([row[0] for row in rows], float) == pytest.approx(device.t, abs=2e-6)
     assert [int(row[-2]) for row in rows] == device.kept.tolist()
+
+
+def test_the_example_of_the_document_is_such_a_table(folder: Path) -> None:
+    first = next(line for line in DOCUMENT.read_text().splitlines() if line.startswith("t_s,"))
+    after = DOCUMENT.read_text().partition(f"{first}\n")[2].splitlines()[0]
+    assert first.split(",") == IMU_COLUMNS
+    assert len(after.split(",")) == len(IMU_COLUMNS)
+    per_unit = load_layout("mpu9150-28").field("mag").counts_per_unit
+    counts = np.array(after.split(",")[7:10], float) * per_unit
+    assert counts == pytest.approx(np.rint(counts), abs=1e-6)
 
 
 def test_other_sensors_have_their_own_fields_and_units(folder: Path) -> None:

@@ -57,6 +57,16 @@ def test_an_imu_reads_back_as_it_measured(topics: Any, device: Device, topic: st
     assert column(topics, topic, "status").tolist() == truth["status"].tolist()
 
 
+def test_the_example_of_the_document_is_such_a_message(topics: Any) -> None:
+    document = Path(__file__).parents[2] / "docs" / "export-trials.md"
+    example = json.loads(document.read_text().partition("```json\n")[2].partition("```")[0])
+    _, _, message = topics["/left_shoe/imu"][0]
+    assert list(example) == list(message)
+    assert {k: list(v) for k, v in example.items() if isinstance(v, dict)} == {
+        k: list(v) for k, v in message.items() if isinstance(v, dict)
+    }
+
+
 def test_times_are_wall_clock_in_nanoseconds(topics: Any) -> None:
     for topic, device in (("/left_shoe/imu", LEFT), ("/barometer/samples", BARO)):
         log_times = np.array([log_time for _, log_time, _ in topics[topic]])

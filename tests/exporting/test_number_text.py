@@ -44,6 +44,16 @@ def test_short_decimals_are_written_exactly_and_as_short_as_they_are(places, who
     assert [float(text) for text in texts] == values.tolist()
 
 
+@given(
+    st.sampled_from([0.1, 0.3, 0.15, 0.005]), arrays(np.int64, 20, elements=st.integers(0, 4095))
+)
+def test_counts_times_a_short_scale_are_short(scale: float, counts: np.ndarray) -> None:
+    """86 * 0.3 is 25.799999999999997; who reads 25.80000000 takes it for better than it is."""
+    texts = lines(number_text(counts * scale, decimals_of(counts * scale)))
+    assert max(len(text.partition(".")[2]) for text in texts) <= 3
+    assert [float(text) for text in texts] == pytest.approx(list(counts * scale), rel=1e-12)
+
+
 @given(arrays(float, st.integers(1, 20), elements=st.floats(allow_subnormal=False)))
 def test_anything_is_written_without_a_warning(values: np.ndarray) -> None:
     texts = lines(number_text(values, decimals_of(values)))
