@@ -7,6 +7,7 @@ written as a small TOML file; files are not trusted, and every mistake in one is
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import tomllib
@@ -219,6 +220,16 @@ class PacketLayout:
         }
         return {key: value for key, value in result.items() if value is not None}
 
+    def to_toml(self) -> str:
+        """Return the layout as the text of a file that :func:`load_layout` reads back."""
+        values = self.to_dict()
+        tables = {"[[fields]]": values.pop("fields"), "[checksum]": [values.pop("checksum", None)]}
+        lines = _toml_lines(values)
+        for head, entries in tables.items():
+            for entry in entries:
+                lines += ["", head, *_toml_lines(entry)] if entry is not None else []
+        return "\n".join(lines) + "\n"
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], *, source: str = "packet layout") -> PacketLayout:
         """Build a layout from plain data, checking every key and type.
@@ -386,6 +397,21 @@ def _number(where: str, entry: Mapping[str, Any], key: str, default: float | Non
         return float(value)
     except OverflowError:
         raise LayoutError(f"{where}: {key} is too large a number.") from None
+
+
+def _toml_lines(values: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a table of numbers, texts and lists of texts."""
+    return [f"{key} = {_toml(value)}" for key, value in values.items()]
+
+
+def _toml(value: Any) -> str:
+    """Write a value as JSON does, but for a few letters: TOML and UTF-8 know fewer of them."""
+    if not isinstance(value, str):
+        return json.dumps(value)
+    text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if text.count(".") > MAX_DOTS:
+        text = text.replace(".", "\\u002e")
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _without_defaults(value: Field | Checksum) -> dict[str, Any]:

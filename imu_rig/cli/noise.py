@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time as clock
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,6 +27,7 @@ from imu_rig.cli.options import (
     TimeUnit,
 )
 from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
+from imu_rig.cli.status_line import StatusLine
 
 if TYPE_CHECKING:
     from imu_rig.calibration.certificate import Certificate
@@ -38,7 +38,6 @@ REPORT_NAME = "noise.html"
 WIDTH = 80
 SILENT_S = 2.0
 """Work that takes longer shows how far it is."""
-LINE_S = 5.0
 
 
 def noise(
@@ -81,7 +80,7 @@ def noise(
     )
     if certificate is not None and output is None:
         raise InputError("--certificate needs --output DIR, where the copy is written.")
-    progress = _Progress(quiet=quiet)
+    status_line = StatusLine(quiet=quiet, silent_s=SILENT_S)
     trial = open_if_trial(file, table)
     if trial is not None:
         from imu_rig.cli.info import require_one_imu
@@ -94,12 +93,15 @@ def noise(
         device = DeviceInfo(name=name or file.stem, serial=serial)
     try:
         analysis = analyse_noise(
-            block, device=device, recording=(file.name, digest), progress=progress.show
+            block,
+            device=device,
+            recording=(file.name, digest),
+            progress=lambda share: status_line.show(f"Noise: {100.0 * share:3.0f} % done"),
         )
     except DataError as error:
         raise DataError(f"{file}: {error}.") from error
     finally:
-        progress.end()
+        status_line.close()
     files: dict[str, str] = {}
     if output is not None:
         from imu_rig.cli.sessions import CERTIFICATE_NAME, new_folder
@@ -173,31 +175,3 @@ def _sensor_lines(title: str, rows: list[tuple[str, str, str, str]]) -> list[str
         else:
             lines += [f"  {label}", f"  {'':{indent}}{cells(texts)}"]
     return lines
-
-
-class _Progress:
-    """Tells on stderr how far the work is: in place on a terminal, else in lines now and then."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        self._quiet = quiet
-        self._in_place = sys.stderr.isatty()
-        self._next = clock.monotonic() + SILENT_S
-        self._shown = False
-
-    def show(self, share: float) -> None:
-        """Take the part that is done, 0 to 1."""
-        now = clock.monotonic()
-        if self._quiet or now < self._next:
-            return
-        self._shown = True
-        self._next = now + (0.2 if self._in_place else LINE_S)
-        sys.stderr.write(
-            f"{chr(13) if self._in_place else ''}Noise: {100.0 * share:3.0f} % done"
-            f"{'' if self._in_place else chr(10)}"
-        )
-        sys.stderr.flush()
-
-    def end(self) -> None:
-        """Leave a clean line."""
-        if self._shown and self._in_place:
-            sys.stderr.write("\r" + " " * 30 + "\r")

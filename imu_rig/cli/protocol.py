@@ -6,13 +6,14 @@ import contextlib
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imu_rig.cli.options import Json, Quiet
+from imu_rig.cli.status_line import StatusLine
 from imu_rig.errors import ImuRigError, InputError
 
 if TYPE_CHECKING:
@@ -159,7 +160,12 @@ def plan(
         raise InputError("--name must be 1 to 80 printable characters.")
     config = _jig(jig)
     task = Task.on(config, time, reach=limits, mountings=mountings, gyro_only=gyro_only, name=name)
-    found = design_protocol(task, search=search, progress=_progress(quiet))
+    with contextlib.closing(StatusLine(quiet=quiet)) as line:
+        found = design_protocol(
+            task,
+            search=search,
+            progress=lambda done, total: line.show(f"searching: {done} of {total}"),
+        )
     text = protocol_text(found.protocol, _header(found, config, limits, gyro_only))
     table = expected_lines(found.outlook.expected, found.outlook.warnings)
     if output is not None:
@@ -222,19 +228,6 @@ def _header(
         _summary(found, jig),
         "\n".join(f" {line}" for line in expected_lines(found.outlook.expected)),
     ]
-
-
-def _progress(quiet: bool) -> Callable[[int, int], None]:
-    """Tell on a terminal how far the search is."""
-    shown = sys.stderr.isatty() and not quiet
-
-    def tell(done: int, total: int) -> None:
-        if shown and (done % 5 == 0 or done == total):
-            end = "\r" if done < total else "\r\x1b[K"
-            sys.stderr.write(f"searching: {done} of {total}{end}")
-            sys.stderr.flush()
-
-    return tell
 
 
 def _paragraph(sentence: str) -> list[str]:

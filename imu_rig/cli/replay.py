@@ -10,14 +10,15 @@ import shlex
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imu_rig.cli.options import Quiet
+from imu_rig.cli.status_line import StatusLine
+from imu_rig.cli.words import clock, size
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from simulators.replay import Replay, ReplayStatus
 
 LOOK_S = 0.02
-SHOW_S = 0.2  # between two looks of a terminal's line
-PLAIN_LINE_S = 5.0  # between lines where stderr is no terminal
 STOPPED_EXIT = 130
 FASTEST = 1000.0
 MOST_SHOWN = 6  # sources with figures of their own
@@ -117,8 +116,8 @@ def replay(
             )
         )
         layouts = stack.enter_context(_layout_files(wires, folder))
-        _introduce(trial, wires, player.ports(), layouts, as_json=as_json)
-        view = _ProgressLine(wires, quiet=quiet)
+        _introduce(trial, wires, player.ports(), layouts, waits=not no_wait, as_json=as_json)
+        view = _Progress(wires, quiet=quiet)
         if step:
             _step_by_hand(player, stop, view)
         else:
@@ -171,23 +170,11 @@ def _layout_files(wires: RecordedWires, folder: Path | None) -> Iterator[dict[st
                     made = tempfile.TemporaryDirectory(prefix="imu-rig-")
                     folder = Path(stack.enter_context(made))
                 path = folder / f"layout-{number}.toml"
-                path.write_text(_toml(layout.to_dict()), encoding="utf-8")
+                path.write_text(layout.to_toml(), encoding="utf-8")
                 stack.callback(path.unlink, missing_ok=True)
                 name = str(path)
             words[source.name] = name
         yield words
-
-
-def _toml(values: dict[str, Any]) -> str:
-    """Write a packet layout as a layout file has it."""
-    plain = {k: v for k, v in values.items() if not isinstance(v, dict | list)}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
-    for field in values["fields"]:
-        lines += ["", "[[fields]]", *(f"{k} = {json.dumps(v)}" for k, v in field.items())]
-    if "checksum" in values:
-        lines += ["", "[checksum]"]
-        lines += [f"{k} = {json.dumps(v)}" for k, v in values["checksum"].items()]
-    return "\n".join(lines) + "\n"
 
 
 def _record_command(
@@ -213,6 +200,7 @@ def _introduce(
     ports: dict[str, str],
     layouts: dict[str, str],
     *,
+    waits: bool,
     as_json: bool,
 ) -> None:
     """Print what to open."""
@@ -247,18 +235,21 @@ def _introduce(
             f"imu-rig calibrate --imu {shlex.quote(ports[IMU_SOURCE])} "
             f"--maestro {shlex.quote(ports[MAESTRO_SOURCE])}"
         )
+    every = "the port is" if len(ports) == 1 else f"all {len(ports)} ports are"
+    fewer = "" if len(ports) == 1 else " (fewer: --source)"
+    begins = f"It begins when {every} open{fewer}." if waits else "It begins now."
     if commands:
         sys.stdout.write("\nIn another terminal, for example:\n")
         for command in commands:
             sys.stdout.write(f"  {one_line(command, 4000)}\n")
-    sys.stdout.write(f"\n{_clock(duration_s)} to replay. Ctrl-C ends it.\n")
+    sys.stdout.write(f"\n{clock(duration_s, 1)} to replay. {begins} Ctrl-C ends it.\n")
     sys.stdout.flush()
 
 
 # --- while it runs ---------------------------------------------------------------------------
 
 
-def _step_by_hand(player: Replay, stop: StopRequest, view: _ProgressLine) -> None:
+def _step_by_hand(player: Replay, stop: StopRequest, view: _Progress) -> None:
     """Serve the ports and move on by what is typed, until the end, q or a signal."""
     lines: queue.Queue[str | None] = queue.Queue()
     threading.Thread(target=_read_lines, args=(lines,), name="stdin", daemon=True).start()
@@ -303,39 +294,23 @@ def _seconds(line: str) -> float | None:
     return seconds if math.isfinite(seconds) and seconds >= 0 else None
 
 
-class _ProgressLine:
-    """How far a replay is, on stderr: a line written over on a terminal, else one now and then."""
+class _Progress:
+    """How far a replay is, on stderr; what it waits for is told at once."""
 
     def __init__(self, wires: RecordedWires, *, quiet: bool) -> None:
         self._duration_s = wires.duration_ns / 1e9
-        self._quiet, self._terminal = quiet, sys.stderr.isatty()
-        self._next_s = 0.0
-        self._state = ""
-        self._shown = False
+        self._line = StatusLine(quiet=quiet)
+        self._told: tuple[str, tuple[str, ...]] = ("waiting", ())
 
     def show(self, status: ReplayStatus, *, now: bool = False) -> None:
-        """Show it if it is time."""
-        if self._quiet or (
-            time.monotonic() < self._next_s and not now and status.state == self._state
-        ):
-            return
-        self._next_s = time.monotonic() + (SHOW_S if self._terminal else PLAIN_LINE_S)
-        self._state = status.state
-        line = _line(status, self._duration_s)
-        if self._terminal:
-            import shutil
-
-            width = shutil.get_terminal_size().columns
-            sys.stderr.write(f"\r\x1b[K{line[: width - 1]}")
-        else:
-            sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
-        self._shown = True
+        state = status.state, tuple(status.without_client)
+        # a replay that is held up now and then fills no log
+        told = state == self._told or "waiting" not in (status.state, self._told[0])
+        self._line.show(_line(status, self._duration_s), now=now or not told)
+        self._told = state
 
     def close(self) -> None:
-        """Leave the line."""
-        if self._shown and self._terminal:
-            sys.stderr.write("\r\x1b[K")
+        self._line.close()
 
 
 def _line(status: ReplayStatus, duration_s: float) -> str:
@@ -349,15 +324,15 @@ def _line(status: ReplayStatus, duration_s: float) -> str:
 
     absent = listed(status.without_client)
     if status.state == "waiting":
-        return f"waiting for somebody to open {absent or 'the ports'}"
+        return f"waiting for somebody to open {absent}" if absent else "every port is open"
     loops = f" in round {status.loops + 1}" if status.loops else ""
-    line = f"{_clock(status.t_s)} of {_clock(duration_s)}{loops}"
+    line = f"{clock(status.t_s, 1)} of {clock(duration_s, 1)}{loops}"
     sent = [
-        f"{one_line(name, NAME_WIDTH)} {_size(count)}"
+        f"{one_line(name, NAME_WIDTH)} {size(count)}"
         for name, count in list(status.sent.items())[:MOST_SHOWN]
     ]
     if len(status.sent) > MOST_SHOWN:
-        sent = [f"{_size(sum(status.sent.values()))} sent to {len(status.sent)} ports"]
+        sent = [f"{size(sum(status.sent.values()))} sent to {len(status.sent)} ports"]
     line += "  " + "  ".join(sent)
     if status.state == "ending":
         line += "  everything sent, until it is read"
@@ -375,7 +350,7 @@ def _conclude(status: ReplayStatus, *, as_json: bool) -> None:
     if lost:
         names = ", ".join(repr(one_line(name)) for name in list(lost)[:MOST_SHOWN])
         more = f" and {len(lost) - MOST_SHOWN} more" if len(lost) > MOST_SHOWN else ""
-        _say(f"{_size(sum(lost.values()))} of {names}{more} were lost: nobody had the port open.")
+        _say(f"{size(sum(lost.values()))} of {names}{more} were lost: nobody had the port open.")
     if as_json:
         answer = {
             "state": status.state,
@@ -386,22 +361,8 @@ def _conclude(status: ReplayStatus, *, as_json: bool) -> None:
         }
         sys.stdout.write(json.dumps(answer, allow_nan=False) + "\n")
         return
-    word = "Replayed to the end" if status.state == "ended" else f"Ended at {_clock(status.t_s)}"
-    sys.stdout.write(f"{word}: {_size(sum(status.sent.values()))} sent.\n")
-
-
-def _clock(seconds: float) -> str:
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(int(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02} min"
-
-
-def _size(count: int) -> str:
-    if count < 1000:
-        return f"{count} bytes"
-    return f"{count / 1000:.1f} kB" if count < 1e6 else f"{count / 1e6:.1f} MB"
+    word = "Replayed to the end" if status.state == "ended" else f"Ended at {clock(status.t_s, 1)}"
+    sys.stdout.write(f"{word}: {size(sum(status.sent.values()))} sent.\n")
 
 
 def _say(sentence: str) -> None:

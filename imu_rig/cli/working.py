@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from types import TracebackType
+
+from imu_rig.cli.status_line import StatusLine
 
 FIRST_S = 2.0
 TERMINAL_S, PLAIN_S = 1.0, 10.0
@@ -22,8 +23,7 @@ class Working:
         self._what = what
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._tell, daemon=True)
-        self._terminal = sys.stderr.isatty()
-        self._told = False
+        self._line = StatusLine(silent_s=FIRST_S, terminal_s=TERMINAL_S, plain_s=PLAIN_S)
 
     def now(self, what: str) -> None:
         """Name what is being done from here on."""
@@ -41,14 +41,9 @@ class Working:
     ) -> None:
         self._done.set()
         self._thread.join()
-        if self._told and self._terminal:
-            sys.stderr.write("\r\x1b[K")
+        self._line.close()
 
     def _tell(self) -> None:
-        begin, wait = time.monotonic(), FIRST_S
-        while not self._done.wait(wait):
-            line = f"{self._what} ... {time.monotonic() - begin:.0f} s"
-            sys.stderr.write(f"\r\x1b[K{line}" if self._terminal else f"{line}\n")
-            sys.stderr.flush()
-            self._told = True
-            wait = TERMINAL_S if self._terminal else PLAIN_S
+        begin = time.monotonic()
+        while not self._done.wait(self._line.due_s):
+            self._line.show(f"{self._what} ... {time.monotonic() - begin:.0f} s")

@@ -112,7 +112,13 @@ def test_steps_are_driven_by_what_is_typed_and_ctrl_c_ends_it(trial):
                     got.extend(ports[0].read(0.05))
                 assert len(got) == expected
 
-            time.sleep(0.3)  # for the program to see that its ports were opened
+            os.set_blocking(process.stderr.fileno(), False)
+            deadline = time.monotonic() + PATIENCE_S
+            seen = b""
+            while b"every port is open" not in seen and time.monotonic() < deadline:
+                seen += process.stderr.read() or b""
+                time.sleep(0.01)
+            os.set_blocking(process.stderr.fileno(), True)
             typed(b"\n", 28)
             typed(b"\n", 56)
             typed(b"0.05\n", 56 + 5 * 28)
@@ -121,7 +127,7 @@ def test_steps_are_driven_by_what_is_typed_and_ctrl_c_ends_it(trial):
             stdout, stderr = process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 130
             assert b"Traceback" not in stderr
-            assert b"\x1b" not in begin + stdout + stderr
+            assert b"\x1b" not in begin + stdout + seen + stderr
             assert b"imu-rig record --device" in stdout
             for port in ports:
                 port.close()

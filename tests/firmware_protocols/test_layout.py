@@ -1,6 +1,7 @@
 """Packet layouts as files and plain data: what they say, what is refused, with which sentence."""
 
 import json
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -105,6 +106,18 @@ def test_plain_data_hold_the_whole_layout(layout):
     again = PacketLayout.from_dict(json.loads(json.dumps(layout.to_dict())))
     assert again == layout
     assert again.dtype == layout.dtype
+
+
+@given(layouts())
+def test_the_text_of_a_layout_is_a_file_of_it(layout):
+    again = PacketLayout.from_dict(tomllib.loads(layout.to_toml()))
+    assert again == layout
+
+
+def test_a_layout_is_written_and_loaded_with_any_title(load):
+    layout = replace(load_layout(DEFAULT_LAYOUT_NAME), title="dots " + 100 * "." + ' "\\\n\x7f')
+    assert load(layout.to_toml()) == layout
+    assert load(replace(layout, title="half \ud800").to_toml()).title == "half ?"
 
 
 @given(layouts())
