@@ -11,12 +11,10 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import BinaryIO
 
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError, NameTaken
@@ -25,27 +23,21 @@ from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
     DAMAGE,
     RECORD_OVERHEAD,
-    RESUMED,
     SUFFIX,
     TRIAL,
     FileHeader,
     Kind,
-    decode_json,
     encode_json,
     encode_records,
 )
 from imu_rig.recording.log import Count, Entry
 from imu_rig.recording.notes import LONGEST_NS, wire_counts
-from imu_rig.recording.scan import Damage, Records, iter_records, scan_records
+from imu_rig.recording.scan import Damage, iter_records, scan_records
 from imu_rig.recording.storage import OsFileSystem, open_undisturbed, require_space
+from imu_rig.recording.survey import Progress, Survey, in_parts, survey_trial
 
 REPAIRED = "repaired"
 
-Progress = Callable[[str, float], None]
-"""Told what is being done, and the share of it that is done."""
-
-_WIRES = (int(Kind.BYTES_IN), int(Kind.BYTES_OUT))
-_BATCH_RECORDS = 1 << 14
 _PIECE_BYTES = 1 << 20
 
 
@@ -142,7 +134,7 @@ def repair_trial(
     target = default_target(path) if target is None else target
     with open_undisturbed(path) as file:
         header = read_file_header(file, path)
-        survey = _survey(file, header, progress)
+        survey = survey_trial(file, header, progress)
         if not survey.damage and survey.ended is not None:
             return _outcome(path, None, survey, written=False)
         if target.exists() and target.samefile(path):
@@ -158,148 +150,8 @@ def repair_trial(
         return _outcome(path, target, survey, written=written)
 
 
-@dataclass
-class _Survey:
-    """What a trial file holds and lacks, as far as a repair needs to know.
-
-    Attributes
-    ----------
-    damage : Damage
-    in_order : bool
-        Whether the records stand in the file in the order they were written.
-    size : int
-        Of the file [bytes].
-    records : int
-        Sound ones.
-    last_ns, lost_ns : int
-        Latest trial time, and time between the records on both sides of each loss, in all [ns].
-    ended : str or None
-        Why the recording ended.
-    end_row : int or None
-        Which of the sound records says so.
-    counted : dict or None
-        What the end says that each source sent; None where it is not about the whole file.
-    counts : dict
-        ``(kind, source)`` to what is there.
-    names : dict
-        Number of a source to its name.
-    """
-
-    damage: Damage
-    in_order: bool
-    size: int
-    records: int = 0
-    last_ns: int = 0
-    lost_ns: int = 0
-    ended: str | None = None
-    end_row: int | None = None
-    counted: dict[str, Any] | None = None
-    counts: defaultdict[tuple[int, int], Count] = field(default_factory=lambda: defaultdict(Count))
-    names: dict[int, str] = field(default_factory=dict)
-
-
-class _OutOfOrder(Exception):  # noqa: N818  (it is no error)
-    """Records do not stand in the order they were written."""
-
-
-def _survey(file: BinaryIO, header: FileHeader, progress: Progress) -> _Survey:
-    size = file.seek(0, os.SEEK_END)
-    try:
-        survey = _Survey(Damage(), in_order=True, size=size)
-        survey.damage = _look(survey, file, header, iter_records(file, header), progress)
-    except _OutOfOrder:
-        records, damage = scan_records(file, header)
-        survey = _Survey(damage, in_order=False, size=size)
-        _look(survey, file, header, _parts(records), progress)
-    return survey
-
-
-def _look(
-    survey: _Survey,
-    file: BinaryIO,
-    header: FileHeader,
-    batches: Iterable[Records],
-    progress: Progress,
-) -> Damage:
-    """Fill in the survey; return the damage, which is right where the records are in order."""
-    newest = -1
-    newest_ns = 0
-    sound_bytes = 0
-    end = header.size
-    resumed = False
-    for records in batches:
-        if not len(records):
-            continue
-        sequence = np.concatenate([[newest], records.sequence.astype(np.int64)])
-        steps = np.diff(sequence)
-        if np.any(steps <= 0):
-            raise _OutOfOrder
-        for row in np.flatnonzero(steps > 1).tolist():
-            before_ns = int(records.time_ns[row - 1]) if row else newest_ns
-            survey.lost_ns += max(0, int(records.time_ns[row]) - before_ns)
-        for row in np.flatnonzero(np.isin(records.kind, _SPEAKING)).tolist():
-            kind = int(records.kind[row])
-            value = _json_object(_payload(file, records, row))
-            if kind == Kind.SOURCE and isinstance(name := value.get("name"), str):
-                if name not in survey.names.values():
-                    survey.names.setdefault(int(records.source[row]), name)
-            elif kind == Kind.EVENT and value.get("name") == RESUMED:
-                resumed = True
-                survey.ended = survey.end_row = survey.counted = None
-            elif kind == Kind.END and "reason" in value:
-                survey.ended = str(value["reason"])
-                survey.end_row = survey.records + row
-                counted = value.get("sources")
-                survey.counted = counted if isinstance(counted, dict) and not resumed else None
-        _count(survey.counts, records)
-        survey.records += len(records)
-        newest, newest_ns = int(sequence[-1]), int(records.time_ns[-1])
-        survey.last_ns = max(survey.last_ns, int(records.time_ns.max()))
-        sound_bytes += int(records.length.sum(dtype=np.int64)) + RECORD_OVERHEAD * len(records)
-        end = int(records.end[-1])
-        progress("looking for sound records", end / survey.size)
-    return Damage(
-        records_lost=newest + 1 - survey.records,
-        bytes_skipped=end - header.size - sound_bytes,
-        tail_bytes=max(0, survey.size - end),
-        header_damaged=header.damaged,
-    )
-
-
-_SPEAKING = (int(Kind.SOURCE), int(Kind.EVENT), int(Kind.END))
-
-
-def _count(counts: dict[tuple[int, int], Count], records: Records) -> None:
-    for kind in _WIRES:
-        of_kind = records.kind == kind
-        sources = records.source[of_kind]
-        sizes = np.bincount(sources, records.length[of_kind], minlength=1)
-        for source, number in enumerate(np.bincount(sources).tolist()):
-            if number:
-                counts[kind, source].records += number
-                counts[kind, source].bytes += int(sizes[source])
-
-
-def _json_object(payload: bytes) -> dict[str, Any]:
-    try:
-        value = decode_json(payload)
-    except ValueError:  # a checksum vouches for the bytes, not for who wrote them
-        return {}
-    return value if isinstance(value, dict) else {}
-
-
-def _payload(file: BinaryIO, records: Records, row: int) -> bytes:
-    file.seek(int(records.offset[row]))
-    return file.read(int(records.length[row]))
-
-
-def _parts(records: Records) -> Iterator[Records]:
-    for start in range(0, len(records), _BATCH_RECORDS):
-        yield records[start : start + _BATCH_RECORDS]
-
-
 def _repaired(
-    file: BinaryIO, header: FileHeader, survey: _Survey, progress: Progress
+    file: BinaryIO, header: FileHeader, survey: Survey, progress: Progress
 ) -> Iterator[bytes]:
     """Yield the repaired file in pieces."""
     sha256 = _sha256(file, survey.size, progress)
@@ -330,12 +182,12 @@ def _repaired(
 
 
 def _entries(
-    file: BinaryIO, header: FileHeader, survey: _Survey, sha256: str, progress: Progress
+    file: BinaryIO, header: FileHeader, survey: Survey, sha256: str, progress: Progress
 ) -> Iterator[Entry]:
     """Yield the records of the repaired file, but for an end that is missing."""
     batches = iter_records(file, header)
     if not survey.in_order:
-        batches = _parts(scan_records(file, header)[0])
+        batches = in_parts(scan_records(file, header)[0])
     repaired = Kind.EVENT, TRIAL, survey.last_ns, _event(survey, sha256)
     row = expected = before_ns = 0
     gaps_at: defaultdict[int, int] = defaultdict(int)
@@ -373,7 +225,7 @@ def _gap(records: int, until_ns: int) -> bytes:
     return encode_json(value, "The gap")
 
 
-def _event(survey: _Survey, sha256: str) -> bytes:
+def _event(survey: Survey, sha256: str) -> bytes:
     damage = survey.damage
     fields = {
         "sha256": sha256,
@@ -389,7 +241,7 @@ def _event(survey: _Survey, sha256: str) -> bytes:
     return encode_json({"name": REPAIRED, "fields": fields}, f"The event {REPAIRED!r}")
 
 
-def _losses(survey: _Survey) -> tuple[SourceLoss, ...]:
+def _losses(survey: Survey) -> tuple[SourceLoss, ...]:
     kept: dict[int, Count] = {}
     for (_, source), count in survey.counts.items():
         both = kept.setdefault(source, Count())
@@ -448,7 +300,7 @@ def _holds(target: Path, pieces: Iterator[bytes]) -> bool:
         raise InputError(f"{target} exists and cannot be read ({error.strerror}).") from error
 
 
-def _outcome(path: Path, target: Path | None, survey: _Survey, *, written: bool) -> Repair:
+def _outcome(path: Path, target: Path | None, survey: Survey, *, written: bool) -> Repair:
     return Repair(
         path,
         target,
