@@ -202,7 +202,11 @@ def _lines(data: TrialData) -> list[str]:
         line = f"{one_line(name)}: {summary.samples} {kind} samples"
         if summary.gaps:
             gaps = "1 gap" if summary.gaps == 1 else f"{summary.gaps} gaps"
-            line += f", {gaps} ({summary.missing_samples} samples known to be missing)"
+            count = f"{summary.missing_samples} samples"
+            if summary.gaps_unknown:
+                known = summary.gaps_unknown < summary.gaps
+                count = f"{count} or more" if known else "number of samples unknown"
+            line += f", {gaps} of {summary.gap_s:.2f} s ({count})"
         lines.append(line)
     return lines
 

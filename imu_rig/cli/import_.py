@@ -125,6 +125,5 @@ def _lines(recording: ForeignRecording, imported: Imported) -> list[str]:
         lost = f", {missing} missing ({100.0 * missing / (missing + packets):.2g} %)"
         lines.append(f"  {one_line(name):{width}}  {packets} samples{lost if missing else ''}")
     for note in recording.notes:
-        text = one_line(note, 400)
-        lines += paragraph(f"{text[0].upper()}{text[1:]}.", mark="- ")
+        lines += paragraph(f"{one_line(note, 400)}.", mark="- ")
     return lines

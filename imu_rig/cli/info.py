@@ -12,7 +12,8 @@ import typer
 
 from imu_rig.cli.certificate import write_page
 from imu_rig.cli.options import Json
-from imu_rig.errors import InputError
+from imu_rig.cli.terminal import fitted
+from imu_rig.errors import ImuRigError, InputError
 from imu_rig.foreign_text import one_line, printable
 
 if TYPE_CHECKING:
@@ -24,10 +25,31 @@ ABOUT_FILE = ("file", "ended", "damage", "SHA-256")
 
 
 def info(
-    file: Annotated[Path, typer.Argument(help="A trial file or a certificate.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Trial files and certificates.")
+    ],
     as_json: Json = False,
 ) -> None:
-    """Tell what a file holds."""
+    """Tell what files hold. With --json, each is an object on a line of its own."""
+    worst: ImuRigError | None = None
+    for number, file in enumerate(files):
+        if number and not as_json:
+            sys.stdout.write("\n")
+        try:
+            _tell(file, as_json=as_json)
+        except ImuRigError as error:
+            if len(files) == 1:
+                raise
+            worst = worst or error
+            if as_json:
+                answer = {"file": str(file), "error": str(error), "exit_code": error.exit_code}
+                sys.stdout.write(json.dumps(answer) + "\n")
+            sys.stderr.write(fitted(f"imu-rig: {error}") + "\n")
+    if worst is not None:
+        raise typer.Exit(worst.exit_code)
+
+
+def _tell(file: Path, *, as_json: bool) -> None:
     from imu_rig.calibration.certificate import load_certificate
     from imu_rig.recording.reader import open_trial
 
@@ -55,9 +77,10 @@ def info(
 
 def _trial_facts(trial: Trial) -> dict[str, Any]:
     from imu_rig.cli.recorded_trial import is_recorded, recorded_facts
+    from imu_rig.cli.sessions import damage_of
     from imu_rig.session.history import is_session, read_session
 
-    damage = trial.damage
+    damage = damage_of(trial)
     facts: dict[str, Any] = {
         "file": str(trial.path),
         "ended": trial.ended or _without_end(trial),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 WORDS = ("subject", "session", "trial", "note")
 MOST_MISSING = 6  # stretches told of each device, the longest
 MOST_MARKERS = 12
+MOST_NOTES = 12
 COUNTED = ("corrupt", "duplicates", "restarts", "reconnects")
 WIDTH = 80
 LABEL_WIDTH = 10
@@ -44,6 +45,7 @@ def recorded_facts(trial: Trial) -> dict[str, Any]:
         "duration_s": trial.duration_s,
         "file_bytes": trial.path.stat().st_size,
         "recorded_by": f"imu-rig {config.get('imu_rig', '')}".strip(),
+        "origin": _origin(config.get("origin")),
         "devices": devices,
         "markers": [{"t_s": m.t, "label": m.label} for m in trial.markers],
     }
@@ -90,6 +92,18 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     return facts
 
 
+def _origin(kept: Any) -> dict[str, Any] | None:
+    """Tell where an imported trial is from; anything may stand in its file."""
+    if not isinstance(kept, dict):
+        return None
+    lists = {key: v for key in ("files", "notes") if isinstance(v := kept.get(key), list)}
+    return {
+        "format": str(kept.get("format", "")),
+        "files": [str(f.get("name", "")) for f in lists.get("files", []) if isinstance(f, dict)],
+        "notes": [str(note) for note in lists.get("notes", [])],
+    }
+
+
 def _certificate(kept: Any) -> str | None:
     """Name a certificate by what it says of its sensor."""
     if not isinstance(kept, dict):
@@ -107,6 +121,9 @@ def recorded_lines(facts: dict[str, Any]) -> list[str]:
     markers = facts["markers"]
     start = (facts["start_utc"] or "unknown").replace("T", " ").replace("Z", " UTC")
     lines = _row("started", start)
+    origin = facts["origin"]
+    if origin is not None:
+        lines += _row("imported", f"{', '.join(origin['files'])} ({origin['format']})")
     count = f"{len(markers)} marker{'s'[: len(markers) != 1]}"
     lines += _row("length", f"{clock(facts['duration_s'])}, {size(facts['file_bytes'])}, {count}")
     for word in WORDS:
@@ -114,6 +131,8 @@ def recorded_lines(facts: dict[str, Any]) -> list[str]:
             lines += _row(word, facts[word])
     if any(device.get("imported") for device in devices.values()):
         lines += _row("times", "as in the file they were imported from; nobody knows how sure")
+    for note in [] if origin is None else origin["notes"][:MOST_NOTES]:
+        lines += _row("note", note)
     lines += ["", *_table(devices)]
     for name, device in devices.items():
         lines += _missing(name, device.get("missing", []))
@@ -181,7 +200,8 @@ def _missing(name: str, missing: list[dict[str, Any]]) -> list[str]:
         return []
     longest = sorted(missing, key=lambda m: m["start_s"] - m["stop_s"])[:MOST_MISSING]
     of_all = f"{len(missing)} times" if len(missing) > 1 else "once"
-    lines = ["", f"{one_line(name, 40)} was missing {of_all}"]
+    few = f"; the {MOST_MISSING} longest:" if len(missing) > MOST_MISSING else ""
+    lines = ["", f"{one_line(name, 40)} was missing {of_all}{few}"]
     for m in sorted(longest, key=lambda m: m["start_s"]):
         samples = "" if m["samples"] is None else f"  {m['samples']} samples"
         lines.append(

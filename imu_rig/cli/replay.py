@@ -94,11 +94,6 @@ def replay(
             trial = open_trial(file)
             wires = RecordedWires(trial, source or (), longest_silence_s=longest_silence)
         warn_of_damage(trial)
-        if trial.ended is None:
-            _say(
-                f"{file} has no end record: it is being recorded, or was cut off. What it holds "
-                "now is replayed."
-            )
         for note in wires.notes:
             _say(note)
         stop = StopRequest()

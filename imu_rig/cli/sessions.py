@@ -8,6 +8,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from imu_rig.calibration.result import CalibrationResult
     from imu_rig.clock import Clock
     from imu_rig.recording.reader import Trial
+    from imu_rig.recording.scan import Damage
     from imu_rig.report.facts import Truth
     from imu_rig.session.run import SessionSetup
 
@@ -141,10 +143,25 @@ def _removed_if_empty(folder: Path) -> Iterator[None]:
             folder.rmdir()
 
 
+def damage_of(trial: Trial) -> Damage:
+    """Return what a trial file has lost; the record that is being written now is not lost."""
+    from imu_rig.recording.storage import is_being_written
+
+    if trial.damage.tail_bytes and trial.ended is None and is_being_written(trial.path):
+        return replace(trial.damage, tail_bytes=0)
+    return trial.damage
+
+
 def warn_of_damage(trial: Trial) -> None:
-    """Say on stderr what a trial file has lost."""
-    if trial.damage:
-        sys.stderr.write(f"{trial.path} is damaged: {trial.damage}.\n")
+    """Say on stderr what a trial file has lost, and that more of it may come."""
+    damage = damage_of(trial)
+    if damage:
+        sys.stderr.write(f"{trial.path} is damaged: {damage}.\n")
+    if trial.ended is None:
+        sys.stderr.write(
+            f"{trial.path} has no end record: it is being recorded, or was cut off. What it holds "
+            "now is taken.\n"
+        )
 
 
 def finish(

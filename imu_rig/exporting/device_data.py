@@ -176,6 +176,10 @@ class Summary:
     calibrated: tuple[str, ...]
     measured: tuple[str, ...]
     gaps: int
+    gap_s: float
+    """How long they are together."""
+    gaps_unknown: int
+    """Gaps of which nothing tells how many samples are missing."""
     missing_samples: int
     time_uncertainty_s: float
     time_problem: str | None
@@ -259,6 +263,8 @@ class TrialData:
             calibrated,
             tuple(device.fields),
             len(device.missing),
+            sum(m.stop_s - m.start_s for m in device.missing),
+            sum(m.samples is None for m in device.missing),
             device.missing_samples,
             device.time_uncertainty_s,
             device.time_problem,

@@ -52,7 +52,7 @@ def test_long_lists_are_shortened_and_whole_as_json(inside, tmp_path):
                 trial.bytes_in(source, clock.now_ns(), packets.make(10 * number, 10))
             trial.event("marker", label=f"marker {number}")
     text = inside("info", path).stdout
-    assert "imu was missing 7 times" in text
+    assert "imu was missing 7 times; the 6 longest:" in text
     assert "... and 1 more" in text
     assert "... and 28 more" in text
     facts = json.loads(inside("info", path, "--json").stdout)
@@ -86,6 +86,52 @@ def test_nothing_of_a_file_reaches_the_terminal_as_it_is(inside, tmp_path):
     assert "no layout" in done.stdout
     assert max(map(len, done.stdout.splitlines())) < 200
     json.loads(inside("info", path, "--json").stdout)
+
+
+def test_several_files_are_told_and_one_that_is_none_holds_up_no_other(inside, tmp_path):
+    missing = tmp_path / "no.imu-trial"
+    done = inside("info", GOLDEN, missing, GOLDEN, code=2)
+    assert done.stdout.count("right shoe was missing once") == 2
+    assert done.stderr.count("\n") == 1
+    assert str(missing) in done.stderr
+    lines = inside("info", GOLDEN, missing, GOLDEN, "--json", code=2).stdout.splitlines()
+    told = [json.loads(line) for line in lines]
+    assert [Path(each["file"]) for each in told] == [GOLDEN, missing, GOLDEN]
+    assert told[1]["exit_code"] == 2
+
+
+@pytest.mark.parametrize(
+    ("origin", "said"),
+    [
+        ({"format": "ngimu", "files": [{"name": "a.csv"}], "notes": ["left"]}, "a.csv"),
+        ({"format": HOSTILE, "files": [HOSTILE, {"name": HOSTILE}], "notes": HOSTILE}, "owned"),
+        ({"files": {"name": 1}, "notes": [{}]}, "imported"),
+    ],
+)
+def test_an_imported_trial_says_from_what(inside, tmp_path, origin, said):
+    path = tmp_path / "imported.imu-trial"
+    TrialWriter.create(path, {"kind": "trial", "origin": origin}, clock=SteppedClock()).close()
+    text = inside("info", path).stdout
+    assert said in text
+    assert "imported" in text
+    assert not set(text) & {"\x1b", "\x07"}
+    json.loads(inside("info", path, "--json").stdout)
+
+
+def test_the_end_of_a_file_that_is_being_written_is_not_called_damage(inside, tmp_path):
+    path = tmp_path / "growing.imu-trial"
+    with TrialWriter.create(path, {"kind": "trial"}, clock=SteppedClock()) as trial:
+        source = trial.add_source("imu", "imu", {"layout": LAYOUT.to_dict()})
+        trial.bytes_in(source, 0, DevicePackets(LAYOUT, 100.0, 1).make(0, 50))
+        assert trial.flush()
+        with path.open("ab") as file:
+            file.write(b"half a record")
+        text = inside("info", path).stdout
+        done = inside("export", path, "-o", tmp_path / "x.csv")
+    assert "damage                    none" in text
+    assert "it is being recorded" in text
+    assert "it is being recorded" in done.stderr
+    assert "damaged" not in done.stderr
 
 
 def test_a_trial_in_which_nothing_came_is_told(inside, tmp_path):

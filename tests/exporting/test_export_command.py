@@ -62,7 +62,7 @@ def test_everything_raw_beside_the_trial(run: Run, tmp_path: Path) -> None:
     write_trial(trial, [LEFT, BARO])
     out, err = run(trial, "--to", "csv")
     assert (tmp_path / "walk_left_shoe.csv").is_file()
-    assert "left shoe: 240 raw samples, 1 gap (60 samples known to be missing)" in out
+    assert "left shoe: 240 raw samples, 1 gap of 0.61 s (60 samples)" in out
     assert err == ""
     _, err = run(trial, "--to", "csv", code=2)
     assert "never overwritten" in err
