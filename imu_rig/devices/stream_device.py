@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -35,13 +35,11 @@ MAX_UNREAD_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True)
-class StreamHealth:
-    """How a device does.
+class StreamHealth(StreamStats):
+    """How a device does: its counts since the start, leaps among the restarts, and more.
 
     Attributes
     ----------
-    good, corrupt, skipped_bytes, lost, duplicates, reordered, strays, restarts : int
-        Since the start; see `imu_rig.packet_stream.StreamStats`.
     reconnects : int
         How many times the port was opened again.
     rate_hz : float
@@ -64,14 +62,6 @@ class StreamHealth:
         Why the port is not being read; None while it is.
     """
 
-    good: int = 0
-    corrupt: int = 0
-    skipped_bytes: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    reordered: int = 0
-    strays: int = 0
-    restarts: int = 0
     reconnects: int = 0
     rate_hz: float = 0.0
     last_packet_age_s: float = 0.0
@@ -279,15 +269,10 @@ class StreamDevice(Generic[Block]):
         with self._arrived:
             byte_age, packet_age = now - self._byte_ns, now - self._packet_ns
         packet_age_s = max(0, packet_age) / NS_PER_S
+        # either way its time begins anew
+        counts = replace(stats, restarts=stats.restarts + stats.leaps)
         return StreamHealth(
-            good=stats.good,
-            corrupt=stats.corrupt,
-            skipped_bytes=stats.skipped_bytes,
-            lost=stats.lost,
-            duplicates=stats.duplicates,
-            reordered=stats.reordered,
-            strays=stats.strays,
-            restarts=stats.restarts + stats.leaps,  # either way its time begins anew
+            **vars(counts),
             reconnects=self._reconnects,
             rate_hz=_rate(recent) if packet_age_s < RECENT_S else 0.0,
             last_packet_age_s=packet_age_s,

@@ -36,6 +36,19 @@ REASONS: dict[DeviceState, str] = {
     "garbled": UNREADABLE,
 }
 
+STATISTICS = (
+    "state",
+    "rate_hz",
+    "packets",
+    "lost",
+    "corrupt",
+    "duplicates",
+    "restarts",
+    "reconnects",
+    "gaps",
+)
+"""What of a device's status is recorded."""
+
 
 @dataclass
 class _Gap:
@@ -300,21 +313,8 @@ class DeviceKeeper:
         )
 
     def _tell(self) -> None:
-        status = self._status
-        self._trial.device_statistics(
-            self._source,
-            {
-                "state": status.state,
-                "rate_hz": status.rate_hz,
-                "packets": status.packets,
-                "lost": status.lost,
-                "corrupt": status.corrupt,
-                "duplicates": status.duplicates,
-                "restarts": status.restarts,
-                "reconnects": status.reconnects,
-                "gaps": status.gaps,
-            },
-        )
+        told = {name: getattr(self._status, name) for name in STATISTICS}
+        self._trial.device_statistics(self._source, told)
 
 
 def supply_of(device: PacketDevice, block: PacketBlock) -> tuple[tuple[str, float, str], ...]:

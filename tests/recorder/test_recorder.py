@@ -137,6 +137,13 @@ def test_every_packet_of_every_device_is_in_the_file(tmp_path, transport):
         assert status.lost == status.corrupt == status.reconnects == 0
         assert status.packets == len(trial.imu(status.name))
         assert trial.imu(status.name).t[-1] > 0.5
+        _, told = trial.device_statistics(status.name)[-1]
+        assert told.pop("rate_hz") == pytest.approx(200.0, rel=0.05)
+        assert told == {
+            "state": "live",
+            "packets": status.packets,
+            **dict.fromkeys(("lost", "corrupt", "duplicates", "restarts", "reconnects", "gaps"), 0),
+        }
 
 
 def test_an_unplugged_device_comes_back_with_a_gap_and_costs_the_others_nothing(tmp_path):
