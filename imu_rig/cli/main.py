@@ -1,6 +1,6 @@
-"""The `imu-rig` program: its commands and its one way to report an error.
+"""The `imu-rig` program: its one way to report an error.
 
-Commands import what they need when they run, so that `imu-rig --help` answers at once.
+The commands are imported where an error, or a Ctrl-C meanwhile, is reported already.
 """
 
 from __future__ import annotations
@@ -10,27 +10,8 @@ import io
 import json
 import os
 import sys
-from typing import Annotated, NoReturn, TextIO
+from typing import NoReturn, TextIO
 
-import typer
-
-from imu_rig import __version__
-from imu_rig.cli import (
-    calibrate,
-    certificate,
-    demo,
-    export,
-    import_,
-    info,
-    noise,
-    protocol,
-    record,
-    repair,
-    replay,
-    simulate,
-    solve,
-    verify,
-)
 from imu_rig.cli.signals import leave_on_signals
 from imu_rig.cli.terminal import fitted
 from imu_rig.errors import ImuRigError, StorageError
@@ -38,44 +19,6 @@ from imu_rig.errors import ImuRigError, StorageError
 # Before numpy is imported: matrices are small here, and threads would wait for each other longer
 # than they work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-app = typer.Typer(
-    name="imu-rig",
-    help="Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-app.command("demo")(demo.demo)
-app.command("calibrate")(calibrate.calibrate)
-app.command("solve")(solve.solve)
-app.command("verify")(verify.verify)
-app.command("noise")(noise.noise)
-app.command("record")(record.record)
-app.command("replay")(replay.replay)
-app.command("info")(info.info)
-app.command("repair")(repair.repair)
-app.command("export")(export.export)
-app.command("import")(import_.import_)
-app.add_typer(certificate.app, name="certificate")
-app.add_typer(protocol.app, name="protocol")
-app.add_typer(simulate.app, name="simulate")
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"imu-rig {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def main(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Say which.")
-    ] = False,
-) -> None:
-    """Calibrate inertial sensors on a servo jig and keep recordings that nothing can lose."""
 
 
 def run() -> None:
@@ -88,6 +31,8 @@ def run() -> None:
             stream.reconfigure(errors="backslashreplace")
     leave_on_signals()
     try:
+        from imu_rig.cli.commands import app
+
         app()
         sys.stdout.flush()
     except ImuRigError as error:

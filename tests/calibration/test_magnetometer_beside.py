@@ -17,7 +17,7 @@ from imu_rig.calibration.magnetometer import FieldReadings, fit_field
 from imu_rig.calibration.model import sensor_frame
 from imu_rig.calibration.session import CommandedPoses
 from imu_rig.calibration.solve import solve
-from imu_rig.cli.main import app
+from imu_rig.cli.commands import app
 from imu_rig.errors import DataError, InputError
 from imu_rig.importing.column_map import make_column_map
 from imu_rig.importing.read_table import read_table

@@ -21,7 +21,7 @@ from imu_rig.calibration.certificate_parts import (
 from imu_rig.calibration.compare import compare
 from imu_rig.calibration.model import Affine
 from imu_rig.calibration.noise_model import NoiseModel
-from imu_rig.cli.main import app
+from imu_rig.cli.commands import app
 from imu_rig.errors import InputError
 from imu_rig.units import MILLI_G
 

@@ -20,12 +20,25 @@ from imu_rig.recording.reader import open_trial
 
 def test_help_needs_nothing_heavy() -> None:
     probe = (
-        "import sys, imu_rig.cli.main; "
+        "import sys, imu_rig.cli.main, imu_rig.cli.commands; "
         "print([m for m in ('numpy', 'scipy', 'matplotlib', 'pydantic', 'serial', 'rich') "
         "if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_ctrl_c_while_the_program_starts_is_no_traceback() -> None:
+    probe = (
+        "import builtins, signal; real = builtins.__import__\n"
+        "def interrupted(name, *rest):\n"
+        "    if name == 'typer': signal.raise_signal(signal.SIGINT)\n"
+        "    return real(name, *rest)\n"
+        "builtins.__import__ = interrupted\n"
+        "from imu_rig.cli.main import run; run()"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "imu-rig: interrupted\n")
 
 
 @pytest.mark.parametrize("command", ["demo", "calibrate", "solve", "info", "export", "simulate"])
