@@ -15,7 +15,6 @@ leap ahead ends the stretch of unbroken time too, for one mapping cannot hold be
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +84,7 @@ class DeviceTime:
         self._judged = period_s >= JUDGED_PERIOD_S
         self._slack_s = min(SLACK_S, period_s / 4)
         self._backward = int(min(REORDER_S, period_s / 4) / tick_s)
+        self._near_s = period_s / 4  # within which no period can have passed unseen
         self._anchor: _Anchor | None = None
         self._epoch = self._leaps = 0
         self._max_skew = max_skew
@@ -120,34 +120,33 @@ class DeviceTime:
         steps = self._steps(values, host_s, self._anchor)
         plausible = self._plausible(steps, host_s, self._anchor.host_s)
         leaps = self._leaps_ahead(steps, host_s, plausible)
-        breaks = np.flatnonzero(~plausible | leaps)
-        edges = [0, *(int(b) for b in breaks if b > 0), len(values)]
+        broken = ~plausible | leaps
+        starts = np.flatnonzero(broken)
+        starts = np.concatenate(([0], starts[starts > 0]))
+        stops = [*starts[1:].tolist(), len(values)]
+        # plain numbers: where every packet is a stray there are as many runs as packets
+        firsts, hosts = values[starts].tolist(), host_s[starts].tolist()
+        breaks, leapt = broken[starts].tolist(), leaps[starts].tolist()
         runs: list[tuple[IntArray, FloatArray, int]] = []
         strays, held = 0, False
-        for start, stop in pairwise(edges):
-            if start not in breaks or (
-                not leaps[start] and self._continues(values[start], float(host_s[start]))
-            ):
+        for number, (start, stop) in enumerate(zip(starts.tolist(), stops, strict=True)):
+            first, first_s = firsts[number], hosts[number]
+            if not breaks[number] or (not leapt[number] and self._continues(first, first_s)):
                 pass
             elif stop - start > 1:
                 self._epoch += 1
-                silent_s = float(host_s[start]) - self._anchor.host_s
+                silent_s = first_s - self._anchor.host_s
                 # a device that began anew cannot have counted for longer than it was silent
-                began_s = float(values[start]) * self._tick_s
-                self._leaps += bool(leaps[start] or began_s > silent_s + self._slack_s)
-                self._anchor = _Anchor(
-                    int(values[start]), float(values[start]), float(host_s[start])
-                )
+                began_s = first * self._tick_s
+                self._leaps += bool(leapt[number] or began_s > silent_s + self._slack_s)
+                self._anchor = _Anchor(int(first), float(first), first_s)
             elif stop == len(values):
                 held = True
                 continue
             else:
                 strays += 1
                 continue
-            part = slice(start, stop)
-            if stop - start < len(values):
-                steps = self._steps(values[part], host_s[part], self._anchor)
-            ticks = np.cumsum(steps)
+            ticks = np.cumsum(self._steps_of_run(steps, values, host_s, slice(start, stop)))
             ticks += self._anchor.ticks
             self._anchor = _Anchor(int(values[stop - 1]), float(ticks[-1]), float(host_s[stop - 1]))
             ticks *= self._tick_s
@@ -166,6 +165,21 @@ class DeviceTime:
             silent = float(elapsed[together].sum() - steps[together].sum())
             steps[gap] += self._modulus * max(0.0, np.rint(silent / self._modulus))
         return steps
+
+    def _steps_of_run(
+        self, steps: FloatArray, values: AnyArray, host_s: FloatArray, run: slice
+    ) -> FloatArray:
+        """Ticks between the packets of a run and from the last one kept to its first."""
+        if run.stop - run.start == len(values) or self._anchor is None:
+            return steps
+        if self._near_s < float(host_s[run.stop - 1]) - self._anchor.host_s:
+            return self._steps(values[run], host_s[run], self._anchor)
+        of_run = steps[run].copy()
+        of_run[0] = self._step(int(values[run.start]), self._anchor)
+        return of_run
+
+    def _step(self, value: int, anchor: _Anchor) -> int:
+        return (value - anchor.raw + self._backward) % self._modulus - self._backward
 
     def _plausible(self, steps: FloatArray, host_s: FloatArray, before_s: float) -> AnyArray:
         if not self._judged:
@@ -204,13 +218,16 @@ class DeviceTime:
             self._ahead_s, self._most_s = float(ahead[settled - 1]), float(most[settled])
         return leaps
 
-    def _continues(self, value: float, host_s: float) -> bool:
+    def _continues(self, value: int, host_s: float) -> bool:
         """Whether a packet continues the last one kept, with strays between them left out."""
-        if self._anchor is None:
+        if self._anchor is None or not self._judged:
             return True
-        host = np.array([host_s])
-        steps = self._steps(np.array([value]), host, self._anchor)
-        return bool(self._plausible(steps, host, self._anchor.host_s)[0])
+        elapsed_s = host_s - self._anchor.host_s
+        step = self._step(value, self._anchor)
+        silent = elapsed_s / self._tick_s - step
+        if silent > self._modulus / 2:
+            step += self._modulus * round(silent / self._modulus)
+        return abs(step * self._tick_s - elapsed_s) <= self._slack_s
 
 
 def _kept(

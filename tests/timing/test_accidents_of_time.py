@@ -12,6 +12,8 @@ import imu_rig.timing
 from firmware_protocols.layout import Checksum, Field, PacketLayout
 from firmware_protocols.packets import encode
 from imu_rig.packet_stream import PacketBlock, PacketStream, StreamStats, assemble_packets
+from imu_rig.timing import device_time
+from imu_rig.timing.counters import wrapped_steps
 
 ORIGIN_S = 1000.0
 RATE_HZ = 100.0
@@ -169,6 +171,27 @@ def test_a_counter_whose_real_rate_is_off_by_3_percent_still_tells_time(off):
     assert whole.fits[0].skew == pytest.approx(1 / (1 + off) - 1, abs=1e-4)
     assert np.sqrt(np.mean((whole.block.t - true) ** 2)) < 2e-3
     assert np.sqrt(np.mean((block.t - true)[3000:] ** 2)) < 2e-3
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_packets_in_an_impossible_order_are_judged_without_an_array_each(clock, monkeypatch):
+    """A device gone mad sends quarter of a million a second; they must not hold up the others."""
+    made = 0
+
+    def counting(*arguments):
+        nonlocal made
+        made += 1
+        return wrapped_steps(*arguments)
+
+    monkeypatch.setattr(device_time, "wrapped_steps", counting)
+    plan = layout(32, clock=clock)
+    number = np.random.default_rng(5).permutation(20_000)
+    host = ORIGIN_S + np.arange(20_000) / 250_000
+    stops = plan.length * np.arange(1, 20_001)
+    whole = assemble_packets(plan, b"".join(packets(plan, number)), stops, host)
+    assert whole.stats.good == 20_000
+    assert whole.stats.strays > 15_000
+    assert made < 2_000
 
 
 def test_nothing_that_makes_times_knows_the_wall_clock():
