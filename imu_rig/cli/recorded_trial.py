@@ -21,7 +21,7 @@ MOST_NOTES = 12
 COUNTED = ("corrupt", "duplicates", "restarts", "reconnects")
 WIDTH = 80
 LABEL_WIDTH = 10
-NAME_WIDTH = 22
+NAME_WIDTH = 20
 
 
 def is_recorded(trial: Trial) -> bool:
