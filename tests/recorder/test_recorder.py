@@ -17,7 +17,7 @@ from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import SystemClock
 from imu_rig.devices.ports import open_port
 from imu_rig.errors import DeviceError, InputError, PortError, StorageError
-from imu_rig.recorder.engine import Recorder
+from imu_rig.recorder.engine import END_S, PORTS_S, Recorder
 from imu_rig.recorder.setup import DeviceSetup, JigSetup, TrialSetup
 from imu_rig.recorder.status import RecorderStatus
 from imu_rig.recording import RecordingOptions, open_trial
@@ -385,6 +385,18 @@ def test_the_end_is_reached_within_three_seconds_whatever_the_jig_does(tmp_path,
     assert trial.events[-1].name == "parking"
     assert targets_sent(trial) == {0}  # nothing was waited for before that
     assert ("not answer" in (running.outcome.problem or "")) is (word == "off")
+
+
+def test_whoever_asks_twice_does_not_wait_for_the_jig_to_arrive(tmp_path):
+    path = tmp_path / "walk.imu-trial"
+    with recorded_jig(path) as (rig, running):
+        rig.fault("maestro", "stuck")
+        before = time.monotonic()
+        running.stop.make("stopped")
+        wait_until(lambda: running.statuses[-1].state == "stopping")
+        running.end()
+        assert time.monotonic() - before < END_S - PORTS_S  # which it would wait otherwise
+    assert targets_sent(open_trial(path)) == {0}
 
 
 def test_a_jig_that_stays_unplugged_is_told_and_holds_nothing_up(tmp_path):
