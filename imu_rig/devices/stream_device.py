@@ -31,6 +31,7 @@ STUCK_SAMPLES = 25
 RECENT_SAMPLES = 1000
 RECENT_BYTES = 4096
 MAX_UNREAD_BYTES = 16_000_000
+MAX_DECODED_BYTES = 1_000_000  # at a time; a quarter of a second's work, whatever they are
 MAX_UNREAD_SAMPLES = 1_000_000
 
 
@@ -231,6 +232,7 @@ class StreamDevice(Generic[Block]):
         self.stop()
         with self._lock:
             self._decode()
+            self._drop_undecoded()
             self._stream.cut()
         try:
             self.start()
@@ -240,6 +242,8 @@ class StreamDevice(Generic[Block]):
 
     def poll(self) -> Block:
         """Return all samples since the last poll: ordered, each once, time strictly increasing.
+
+        Of more than a megabyte received since, the rest comes with the next poll.
 
         A lost device raises nothing here: what it sent before is worth having, and ``health``
         tells.
@@ -340,11 +344,19 @@ class StreamDevice(Generic[Block]):
                 self._raw_bytes -= len(self._raw.popleft()[1])
 
     def _decode(self) -> None:
-        """Turn received bytes into samples; the caller holds the lock."""
+        """Turn received bytes into samples, as many as are quickly done; the caller holds the lock.
+
+        A device gone mad sends more than can be decoded: it must not hold up who watches it.
+        """
+        chunks: list[tuple[int, bytes]] = []
         with self._arrived:
-            chunks = list(self._chunks)
-            self._chunks.clear()
-            self._chunk_bytes = 0
+            size = 0
+            while self._chunks:
+                size += len(self._chunks[0][1])
+                if chunks and size > MAX_DECODED_BYTES:
+                    break
+                chunks.append(self._chunks.popleft())
+                self._chunk_bytes -= len(chunks[-1][1])
         if not chunks:
             return
         good = self._stream.stats.good
@@ -355,6 +367,12 @@ class StreamDevice(Generic[Block]):
                 self._packet_ns = max(self._packet_ns, int(came_s * NS_PER_S))
         if len(block):
             self._keep(block)
+
+    def _drop_undecoded(self) -> None:
+        with self._arrived:
+            self._unread += self._chunk_bytes // self.layout.length
+            self._chunks.clear()
+            self._chunk_bytes = 0
 
     def _keep(self, block: Block) -> None:
         self._ready.append(block)

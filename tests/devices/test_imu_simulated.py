@@ -237,6 +237,20 @@ def test_a_port_that_is_not_there_is_a_port_error(tmp_path):
     imu.stop()
 
 
+def test_a_poll_does_a_bounded_work_and_the_next_ones_the_rest(monkeypatch):
+    monkeypatch.setattr(stream_device, "MAX_DECODED_BYTES", 2000)
+    received = []
+    with running(tap=lambda t, data: received.append(len(data))) as (_, imu, _):
+        wait_until(lambda: sum(received) > 12_000)
+        imu.stop()
+        assert max(received) < 2000
+        blocks = [imu.poll() for _ in range(2 * sum(received) // 2000 + 2)]
+        unread = imu.health.unread
+    assert max(len(block) for block in blocks) <= 2000 // 28 + 1
+    assert sum(len(block) for block in blocks) >= sum(received) // 28 - 1
+    assert unread == 0
+
+
 def test_what_nobody_polls_is_bounded_and_counted(monkeypatch):
     monkeypatch.setattr(stream_device, "MAX_UNREAD_BYTES", 3000)
     received = []
