@@ -23,7 +23,7 @@ from firmware_protocols.layout import load_layout
 from firmware_protocols.packets import encode
 from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import SteppedClock
-from imu_rig.errors import InputError
+from imu_rig.errors import DataError, InputError
 from imu_rig.packet_stream import PacketStream
 from imu_rig.recording import TrialWriter
 from imu_rig.recording.format import HEADER_SIZE, Kind, decode_file_header
@@ -538,3 +538,46 @@ def test_the_examples_of_the_guide_run(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "['left shoe', 'right shoe', 'barometer']" in said
     assert "[120, 120]" in said
+
+
+# --- what is told of sources ---------------------------------------------------------------------
+
+
+def test_a_clock_that_cannot_be_right_is_told_of_any_device(desk):
+    made = desk(good=MPU, wrong=MPU, baro=BARO)
+    sent = {"good": (MPU, 1.0), "wrong": (MPU, 1.05), "baro": (BARO, 1.05)}
+    for name, (layout, pace) in sent.items():
+        pieces = packets(layout, counts(layout, 1500))
+        for t, piece in zip(sent_times(1500), pieces, strict=True):
+            made.send(name, pace * t, piece)
+    trial = made.trial()
+    assert trial.time_problem("good") is None
+    assert len(trial.imu_in_time("good")) == 1500
+    for name in ("wrong", "baro"):  # by 5 %, which no crystal errs
+        assert re.search(r"disagree by \+5 %", trial.time_problem(name))
+        assert np.isinf(trial.time_uncertainty_s(name))
+    with pytest.raises(DataError, match="disagree by"):
+        trial.imu_in_time("wrong")
+
+
+def test_inertial_sensors_are_known_by_their_packets_not_by_what_they_are_called(desk):
+    trial = desk(foot=MPU, imu=BARO).trial()  # both of the kind "imu"
+    assert (trial.sensors, trial.imus) == (["foot", "imu"], ["foot"])
+
+
+def test_names_reach_a_message_without_what_a_terminal_obeys(desk):
+    with pytest.raises(InputError, match="has no source") as caught:
+        desk(**{"\x1b[2Jfoot\n": MPU}).trial().source("\x1b[31m")
+    assert str(caught.value).isprintable()
+
+
+def test_utc_is_that_of_the_start_whatever_the_wall_clock_does_later(tmp_path):
+    path, clock = tmp_path / "t.imu-trial", SteppedClock()
+    start_ns = 1_790_000_000_123_456_000
+    options = replace(FEW_NOTES, wall_ns=lambda: start_ns + (clock.now_ns() > 0) * 10**15)
+    with TrialWriter.create(path, {}, clock=clock, options=options):
+        clock.advance(5.0)
+    trial = imu_rig.open_trial(path)
+    assert trial.utc(1.5).isoformat() == "2026-09-21T14:13:21.623456+00:00"
+    path.write_bytes(path.read_bytes()[:HEADER_SIZE])  # no clock pair is left
+    assert imu_rig.open_trial(path).utc() is None
