@@ -28,7 +28,8 @@ def read_small(path: Path | str, most_bytes: int, *, what: str) -> bytes:
     source = Path(path)
     try:
         if not source.is_file():
-            raise InputError(f"{source}: there is no such file to read {what} from.")
+            found = "this is no ordinary file" if source.exists() else "there is no such file"
+            raise InputError(f"{source}: {found} to read {what} from.")
         with source.open("rb") as file:
             data = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:

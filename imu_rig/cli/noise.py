@@ -25,6 +25,7 @@ from imu_rig.cli.options import (
     Serial,
     TimeColumn,
     TimeUnit,
+    named,
 )
 from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
 from imu_rig.cli.status_line import StatusLine
@@ -59,7 +60,13 @@ def noise(
     serial: Serial = "",
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for the noise model and the report."),
+        typer.Option(
+            "--output",
+            "-o",
+            parser=named,
+            metavar="PATH",
+            help="Folder for the noise model and the report.",
+        ),
     ] = None,
     certificate: Annotated[
         Path | None,

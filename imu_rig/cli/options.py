@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imu_rig.errors import InputError
+
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
 
@@ -33,8 +35,26 @@ Method = Annotated[
         "ferraris, turntable, magnetometer (nothing else).",
     ),
 ]
+
+
+def named(text: str) -> Path:
+    """Take a path; an empty one, as of a variable that is not set, would be the current folder.
+
+    Raises
+    ------
+    InputError
+        If it is empty.
+    """
+    if not text:
+        raise InputError("An empty name is no folder: give --output one, or leave it out.")
+    return Path(text)
+
+
 Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Folder for certificate and report.")
+    Path | None,
+    typer.Option(
+        "--output", "-o", parser=named, metavar="PATH", help="Folder for certificate and report."
+    ),
 ]
 MapFile = Annotated[
     Path | None, typer.Option("--map", help="TOML file that names columns and units.")

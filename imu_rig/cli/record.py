@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
-from imu_rig.cli.options import Quiet
+from imu_rig.cli.options import Quiet, named
 from imu_rig.cli.terminal import fitted
 from imu_rig.cli.unheld import last_words
 from imu_rig.errors import ImuRigError, InputError, NameTaken
@@ -83,7 +83,10 @@ def record(
     ] = None,
     note: Annotated[str | None, typer.Option("--note", help="Anything; kept in the file.")] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of the sessions.")
+        Path,
+        typer.Option(
+            "--output", "-o", parser=named, metavar="PATH", help="Folder of the sessions."
+        ),
     ] = DEFAULT_OUTPUT,
     wait: Annotated[
         float | None,

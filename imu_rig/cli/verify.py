@@ -44,6 +44,7 @@ from imu_rig.cli.options import (
     TimeColumn,
     TimeUnit,
     gravity_from,
+    named,
 )
 from imu_rig.cli.recordings import TableOptions, open_if_trial, read_block
 from imu_rig.errors import NOT_VERIFIED_EXIT, InputError
@@ -104,7 +105,10 @@ def verify(
         bool, typer.Option("--force", help="Compare with the certificate of another device.")
     ] = False,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for recording and report.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", parser=named, metavar="PATH", help="Folder for recording and report."
+        ),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,

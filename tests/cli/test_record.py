@@ -205,6 +205,7 @@ def test_a_full_disk_is_told_before_anything_begins(inside, tmp_path, monkeypatc
         (["-d", "/dev/x", "--max-loss", "101"], "--max-loss"),
         (["-d", "/dev/x", "--wait", "nan"], "--wait"),
         (["-d", "/dev/x", "--session", "///"], "letter or a digit"),
+        (["-d", "/dev/x", "--output", ""], "An empty name"),
         (["-d", "/dev/x", "--output", "file"], "file is no folder"),
         (["-d", "/dev/x", "--output", "x" * 300], "name another --output"),
     ],
