@@ -20,7 +20,7 @@ from typing import Literal, Self
 from imu_rig.clock import NS_PER_S, Clock, SteppedClock, SystemClock
 from simulators.ports import SimulatedPort, Transport, port_maker, wait_readable
 from simulators.recorded_answers import RecordedAnswers, Reply
-from simulators.replay_ports import SETTLE_S, ServedSource
+from simulators.replay_ports import SETTLE_S, SOCKET_SETTLE_S, ServedSource
 
 TimedChunk = tuple[int, str, Literal["in", "out", "unplug", "plug", "end"], bytes]
 """Time [ns], source, what happened and bytes; see `imu_rig.recording.replay.TimedChunk`."""
@@ -73,6 +73,22 @@ class ReplayStatus:
     sent: dict[str, int]
     lost: dict[str, int]
     without_client: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Waited:
+    """Whether a replay has ended, and if not, why: a failing ``assert`` shows it."""
+
+    ended: bool
+    why: str
+
+    def __bool__(self) -> bool:
+        """Whether it has ended."""
+        return self.ended
+
+    def __repr__(self) -> str:
+        """In words."""
+        return "<ended>" if self.ended else f"<not ended: {self.why}>"
 
 
 class Replay:
@@ -189,7 +205,7 @@ class Replay:
         return ServedSource(
             name,
             port,
-            settle_s=SETTLE_S if self._transport == "pty" else 0.0,
+            settle_s=SETTLE_S if self._transport == "pty" else SOCKET_SETTLE_S,
             answers=None if answers is None else RecordedAnswers(answers),
         )
 
@@ -256,8 +272,13 @@ class Replay:
                 return False
             time.sleep(BUSY_S)
 
-    def wait(self, timeout_s: float | None = None) -> bool:
+    def wait(self, timeout_s: float | None = None) -> Waited:
         """Wait for the end: everything read by the clients and the ports gone.
+
+        Returns
+        -------
+        Waited
+            True if it was reached; otherwise it says in words what the replay waits for.
 
         Raises
         ------
@@ -267,7 +288,19 @@ class Replay:
         ended = self._finished.wait(timeout_s)
         if self._error is not None:
             raise self._error
-        return ended
+        return Waited(ended, "" if ended else self._hindrance())
+
+    def _hindrance(self) -> str:
+        """Say why it has not ended yet."""
+        status = self.status
+        absent = f"nobody has open the port of {', '.join(status.without_client)}"
+        if status.state == "waiting":
+            return absent if status.without_client else "it begins in a moment"
+        if status.state == "held":
+            return absent if status.without_client else "a program reads too slowly"
+        if status.state == "ending":
+            return "everything is sent and not read to the end"
+        return f"it is at {status.t_s:.1f} s of the recording"
 
     def step(self, seconds: float) -> None:
         """Move a stepped clock forward and send what is due; 0 only serves the ports.
@@ -388,9 +421,7 @@ class Replay:
         absent = each.since_s is None
         if what == "unplug":  # what came before it was received, so it must be now
             return (
-                not self._unplug
-                or (absent and not each.queue)
-                or (not each.queue and each.all_taken())
+                not self._unplug or (absent and not each.queue) or (not each.queue and each.quiet())
             )
         if absent and self._keeps_for_absent and each.port.plugged:
             return False
@@ -448,12 +479,12 @@ class Replay:
             return
         served = self._served.values()
         for each in served:
-            if each.queue or each.replies or not each.port.plugged:
+            if each.queue or each.replies or not each.port.plugged or not each.at_end():
                 continue
             if not each.told_end:
                 each.port.end_of_data()
                 each.told_end = True
-            if each.all_taken():
+            if each.at_end():
                 each.port.unplug()
                 each.since_s = None
         if not any(each.port.plugged for each in served):

@@ -11,7 +11,9 @@ from simulators.recorded_answers import RecordedAnswers, Reply
 
 # Constants of time, by the machine's clock.
 SETTLE_S = 0.25  # a program that opens a terminal throws away what came before it was set up
+SOCKET_SETTLE_S = 0.1  # and pyserial what came through a socket before it was
 QUIET_S = 0.1  # for which a terminal must look empty to be empty
+TAIL_S = 1.0  # for which a port stays at the end: a read that it cuts off may drop what it has
 
 SEND_BYTES = 16 * 1024
 RECEIVED_BYTES = 1 << 20
@@ -94,19 +96,27 @@ class ServedSource:
                 due = max(due, self.replies[-1][0])
             self.replies.append((due, data))
 
-    def all_taken(self) -> bool:
-        """Whether the client has read everything for a while.
+    def quiet(self) -> bool:
+        """Whether the client has read everything; a read takes what is there bit by bit."""
+        return self.all_taken(min(self.settle_s, QUIET_S))
 
-        In the middle of a client's read a terminal looks empty, with more to come into it.
+    def at_end(self) -> bool:
+        """Whether the client has read everything and had the time to hand it on.
+
+        `serial.Serial.read` of more bytes than there are waits for its timeout, and forgets those
+        it has if the port goes meanwhile.
         """
+        return self.all_taken(0.0 if self.told_end else TAIL_S)
+
+    def all_taken(self, for_s: float) -> bool:
+        """Whether the client has left nothing unread for a while."""
         now_s = time.monotonic()
         if not self.port.all_taken():
             self.empty_since_s = None
             return False
         if self.empty_since_s is None:
             self.empty_since_s = now_s
-        quiet_s = min(self.settle_s, QUIET_S)
-        return self.since_s is None or now_s - self.empty_since_s >= quiet_s
+        return self.since_s is None or now_s - self.empty_since_s >= for_s
 
     def flush(self) -> None:
         """Send what the client has room for."""

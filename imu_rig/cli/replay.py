@@ -144,7 +144,7 @@ def _check(speed: float, longest_silence: float, *, fast: bool, step: bool) -> N
 def _layout_files(wires: RecordedWires, folder: Path | None) -> Iterator[dict[str, str]]:
     """Yield the word by which `imu-rig record` finds each source's layout, by source.
 
-    A layout that is not built in is written to a file beside the ports.
+    A layout that is not built in is written to a file, in the ports' folder where one was named.
     """
     from firmware_protocols.layout import LayoutError, PacketLayout, builtin_layouts
 
@@ -246,6 +246,8 @@ def _introduce(
 
 def _step_by_hand(player: Replay, stop: StopRequest, view: _Progress) -> None:
     """Serve the ports and move on by what is typed, until the end, q or a signal."""
+    from imu_rig.foreign_text import one_line
+
     lines: queue.Queue[str | None] = queue.Queue()
     threading.Thread(target=_read_lines, args=(lines,), name="stdin", daemon=True).start()
     _say(STEP_HELP)
@@ -262,8 +264,9 @@ def _step_by_hand(player: Replay, stop: StopRequest, view: _Progress) -> None:
         if line is None or line.strip().lower() in ("q", "quit"):
             return
         seconds = _seconds(line)
-        if not player.wait_for_clients(0) and player.status.state == "waiting":
-            _say(f"Nobody has opened the port of {', '.join(player.status.without_client)} yet.")
+        absent = player.status.without_client
+        if player.status.state == "waiting" and absent:
+            _say(f"Nobody has opened the port of {', '.join(map(one_line, absent))} yet.")
         elif seconds is None:
             _say(STEP_HELP)
         elif line.strip():

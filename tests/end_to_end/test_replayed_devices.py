@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+import serial
 
 from firmware_protocols.layout import load_layout
 from imu_rig.clock import ScaledClock, SteppedClock, SystemClock
@@ -83,6 +85,28 @@ def test_record_replay_record_gives_the_same_rows(original, transport, speed, tm
         )
         assert replay.status.lost == dict.fromkeys(LAYOUTS, 0)
     assert_same_rows(original, again)
+
+
+def test_the_first_test_of_the_document_runs_on_a_trial_of_several_devices(
+    original, tmp_path, monkeypatch
+):
+    document = Path(__file__).parents[2] / "docs" / "replay.md"
+    example = document.read_text().partition("```python\n")[2].partition("```")[0]
+    (tmp_path / "walk.imu-trial").write_bytes(original.path.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    read = bytearray()
+
+    def program(url: str) -> int:
+        with suppress(serial.SerialException), serial.serial_for_url(url, timeout=0.1) as port:
+            while True:
+                read.extend(port.read(100))
+
+        return 42
+
+    names = {"my_program": program}
+    exec(example, names)  # noqa: S102  (our own document)
+    names["test_my_program_counts_the_steps"]()
+    assert bytes(read) == original.wire("left shoe").data
 
 
 def test_a_device_can_be_stepped_through_its_recording(original):

@@ -4,13 +4,16 @@ import math
 import os
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import serial
 
 from imu_rig.clock import NS_PER_S, SteppedClock
 from imu_rig.devices.ports import Port, open_port
 from imu_rig.errors import DeviceLost, PortError
+from simulators import replay_ports
 from simulators.recorded_answers import RecordedAnswers
 from simulators.replay import FAST, Replay
 from simulators.replay_ports import SETTLE_S
@@ -54,6 +57,12 @@ def read_now(port: Port, count: int = 0) -> bytes:
     return bytes(data)
 
 
+@pytest.fixture(autouse=True)
+def short_tail(monkeypatch):
+    """Most tests end when the ports have gone, and need no time to hand bytes on."""
+    monkeypatch.setattr(replay_ports, "TAIL_S", replay_ports.QUIET_S)
+
+
 @pytest.fixture(params=["pty", "tcp"])
 def transport(request):
     return request.param
@@ -93,11 +102,42 @@ def test_a_slow_client_makes_the_time_of_all_sources_wait():
         other.close()
 
 
+def test_a_read_that_waits_for_more_bytes_gets_the_last_ones(transport, monkeypatch):
+    """Reading hands out what it has when its time is over; a port that goes before takes it."""
+    monkeypatch.setattr(replay_ports, "TAIL_S", 1.0)
+    got = bytearray()
+    with Replay(["a"], script((0, b"first"), (MS, b"last")), transport=transport) as replay:
+        with serial.serial_for_url(replay.url("a"), timeout=0.6) as port:
+            begin = time.monotonic()
+            with suppress(serial.SerialException):
+                while time.monotonic() - begin < PATIENCE_S:
+                    got += port.read(1000)
+        assert replay.wait(PATIENCE_S)
+    assert bytes(got) == b"firstlast"
+
+
+def test_at_the_end_a_port_goes_at_once_if_nobody_has_it_or_the_replay_is_stopped(monkeypatch):
+    monkeypatch.setattr(replay_ports, "TAIL_S", 1000.0)
+    with Replay(["a", "b"], script((0, "a", b"x"), (0, "b", b"y"))) as replay:
+        one, two = open_port(replay.url("a")), open_port(replay.url("b"))
+        assert (read_now(one, 1), read_now(two, 1)) == (b"x", b"y")
+        one.close()
+        until(lambda: not os.path.lexists(replay.url("a")))
+        waited = replay.wait(0.0)
+        assert not waited
+        assert "not read to the end" in repr(waited)
+        replay.stop()
+        assert read_all(two) == b""
+        two.close()
+
+
 def test_nothing_is_sent_before_every_port_has_a_client(transport):
     chunks = script((0, "a", b"first"), (0, "b", b"second"))
     with Replay(["a", "b"], chunks, transport=transport) as replay:
         one = open_port(replay.url("a"))
-        assert not replay.wait(3 * SETTLE_S)
+        waited = replay.wait(3 * SETTLE_S)
+        assert not waited
+        assert repr(waited) == "<not ended: nobody has open the port of b>"
         assert replay.status.state == "waiting"
         assert replay.status.without_client == ("b",)
         assert one.read(0.0) == b""
