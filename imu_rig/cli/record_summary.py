@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import shlex
 import textwrap
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
     from imu_rig.stopping import StopRequest
 
-WIDTH = 80
+UNSURE_S = 0.5  # of times; less is a slow link, more in a short trial is a clock that errs
 NAME_WIDTH = 20
 MOST_BYTES_AT_ONCE = 20_000_000
 """A larger file is not read again at the end to state its uncertainty of time."""
@@ -56,8 +57,14 @@ def times_of(outcome: RecordingOutcome, stop: StopRequest) -> Times:
                 break
             if not device.packets:
                 continue
-            times.uncertainty_s[device.name] = trial.time_uncertainty_s(device.name)
+            sigma_s = trial.time_uncertainty_s(device.name)
+            times.uncertainty_s[device.name] = sigma_s
             problem = trial.time_problem(device.name)
+            if problem is None and UNSURE_S < sigma_s < math.inf:
+                problem = (
+                    f"its times are known to {uncertainty(sigma_s)} only: the clock tick or rate "
+                    "in its layout is wrong, or the computer was too busy to read it"
+                )
             if problem is not None:
                 times.problems[device.name] = problem
     return times

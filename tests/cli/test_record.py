@@ -14,16 +14,21 @@ from pathlib import Path
 
 import pytest
 
+from firmware_protocols.layout import load_layout
 from imu_rig.cli.keys import Keys
 from imu_rig.cli.record_setup import Options, device_from, duration_s, setup_from
-from imu_rig.cli.record_summary import Times, shortfalls, summary_lines
+from imu_rig.cli.record_summary import Times, shortfalls, summary_lines, times_of
 from imu_rig.cli.unheld import last_words
+from imu_rig.clock import SteppedClock
 from imu_rig.errors import InputError
 from imu_rig.recorder.engine import RecordingOutcome
 from imu_rig.recorder.setup import load_setup
 from imu_rig.recorder.status import DeviceStatus
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.reader import open_trial
+from imu_rig.recording.writer import TrialWriter
+from imu_rig.stopping import StopRequest
+from simulators.device_packets import DevicePackets
 from simulators.served_devices import ServedDevices
 
 SETUP = """
@@ -346,6 +351,24 @@ def test_a_disk_that_was_too_slow_and_a_jig_not_parked_are_told():
 def test_times_that_cannot_be_right_make_a_recording_incomplete():
     times = Times({"left": 0.0004}, {"left": "the clocks disagree"})
     assert shortfalls(OUTCOME, 0.05, times) == ["left: the clocks disagree."]
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(4, "its times are known to"), (40, "disagree by")])
+def test_a_clock_that_is_wrong_by_half_is_told_after_any_length(tmp_path, seconds, said):
+    path, clock = tmp_path / "half.imu-trial", SteppedClock()
+    layout = load_layout("mpu9150-28")
+    packets = DevicePackets(layout, 100.0, 1)
+    with TrialWriter.create(path, {"kind": "trial"}, clock=clock) as trial:
+        source = trial.add_source("left", "imu", {"layout": layout.to_dict()})
+        for number in range(10 * seconds):
+            clock.advance(0.1)  # and 0.05 s by the device's clock
+            trial.bytes_in(source, clock.now_ns(), packets.make(5 * number, 5))
+    times = times_of(replace(OUTCOME, path=path), StopRequest())
+    (sentence,) = shortfalls(OUTCOME, 0.05, times)
+    assert said in sentence
+    hurried = StopRequest()
+    hurried.make("Stopped by SIGTERM.", brief=True)
+    assert times_of(replace(OUTCOME, path=path), hurried) == Times()
 
 
 def test_the_summary_fits_a_terminal_and_says_who_was_missing():
