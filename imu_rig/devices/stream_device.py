@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from imu_rig.timing.sample_order import TimeSource
 
 # Constants of time.
 RECENT_S = 2.0  # over which the rate and the kind of bytes are judged
+DECODE_S = 0.2  # of work at a time, after which the rest waits for the next poll
 LAG_S = 1.0  # over which the least lag is taken, longer than the bursts of a healthy link
 
 STUCK_SAMPLES = 25
@@ -31,7 +33,8 @@ STUCK_SAMPLES = 25
 RECENT_SAMPLES = 1000
 RECENT_BYTES = 4096
 MAX_UNREAD_BYTES = 16_000_000
-MAX_DECODED_BYTES = 1_000_000  # at a time; a quarter of a second's work, whatever they are
+MAX_BEHIND_BYTES = 500_000  # of a device that sends more than can be decoded: what is new counts
+DECODED_BYTES = 1 << 17  # between looks at how long decoding takes
 MAX_UNREAD_SAMPLES = 1_000_000
 
 
@@ -232,7 +235,8 @@ class StreamDevice(Generic[Block]):
         self.stop()
         with self._lock:
             self._decode()
-            self._drop_undecoded()
+            with self._arrived:
+                self._drop_oldest(0)
             self._stream.cut()
         try:
             self.start()
@@ -243,7 +247,7 @@ class StreamDevice(Generic[Block]):
     def poll(self) -> Block:
         """Return all samples since the last poll: ordered, each once, time strictly increasing.
 
-        Of more than a megabyte received since, the rest comes with the next poll.
+        Of more than can be decoded in a moment, the rest comes with the next poll.
 
         A lost device raises nothing here: what it sent before is worth having, and ``health``
         tells.
@@ -334,10 +338,7 @@ class StreamDevice(Generic[Block]):
             self._byte_ns = t_ns
             self._chunks.append((t_ns, data))
             self._chunk_bytes += len(data)
-            while self._chunk_bytes > MAX_UNREAD_BYTES and len(self._chunks) > 1:
-                dropped = len(self._chunks.popleft()[1])
-                self._chunk_bytes -= dropped
-                self._unread += dropped // self.layout.length
+            self._drop_oldest(MAX_UNREAD_BYTES)
             self._raw.append((t_ns, data[-RECENT_BYTES:]))
             self._raw_bytes += min(len(data), RECENT_BYTES)
             while self._raw_bytes > 2 * RECENT_BYTES and len(self._raw) > 1:
@@ -348,17 +349,28 @@ class StreamDevice(Generic[Block]):
 
         A device gone mad sends more than can be decoded: it must not hold up who watches it.
         """
+        begin_s = time.monotonic()
+        while chunks := self._next_chunks():
+            self._decode_chunks(chunks)
+            if time.monotonic() - begin_s > DECODE_S:
+                with self._arrived:
+                    self._drop_oldest(MAX_BEHIND_BYTES)
+                return
+
+    def _next_chunks(self) -> list[tuple[int, bytes]]:
+        """Take some of what is not decoded, one chunk at least."""
         chunks: list[tuple[int, bytes]] = []
         with self._arrived:
             size = 0
             while self._chunks:
                 size += len(self._chunks[0][1])
-                if chunks and size > MAX_DECODED_BYTES:
+                if chunks and size > DECODED_BYTES:
                     break
                 chunks.append(self._chunks.popleft())
                 self._chunk_bytes -= len(chunks[-1][1])
-        if not chunks:
-            return
+        return chunks
+
+    def _decode_chunks(self, chunks: list[tuple[int, bytes]]) -> None:
         good = self._stream.stats.good
         block = self._stream.feed_many(chunks)
         if self._stream.stats.good > good:
@@ -368,11 +380,12 @@ class StreamDevice(Generic[Block]):
         if len(block):
             self._keep(block)
 
-    def _drop_undecoded(self) -> None:
-        with self._arrived:
-            self._unread += self._chunk_bytes // self.layout.length
-            self._chunks.clear()
-            self._chunk_bytes = 0
+    def _drop_oldest(self, limit: int) -> None:
+        """Drop what waits to be decoded beyond a limit [bytes]; the caller holds the lock."""
+        while self._chunk_bytes > limit and (len(self._chunks) > 1 or not limit):
+            dropped = len(self._chunks.popleft()[1])
+            self._chunk_bytes -= dropped
+            self._unread += dropped // self.layout.length
 
     def _keep(self, block: Block) -> None:
         self._ready.append(block)

@@ -238,7 +238,8 @@ def test_a_port_that_is_not_there_is_a_port_error(tmp_path):
 
 
 def test_a_poll_does_a_bounded_work_and_the_next_ones_the_rest(monkeypatch):
-    monkeypatch.setattr(stream_device, "MAX_DECODED_BYTES", 2000)
+    monkeypatch.setattr(stream_device, "DECODED_BYTES", 2000)
+    monkeypatch.setattr(stream_device, "DECODE_S", 0.0)
     received = []
     with running(tap=lambda t, data: received.append(len(data))) as (_, imu, _):
         wait_until(lambda: sum(received) > 12_000)
@@ -249,6 +250,22 @@ def test_a_poll_does_a_bounded_work_and_the_next_ones_the_rest(monkeypatch):
     assert max(len(block) for block in blocks) <= 2000 // 28 + 1
     assert sum(len(block) for block in blocks) >= sum(received) // 28 - 1
     assert unread == 0
+
+
+def test_of_more_than_can_be_decoded_the_newest_is(monkeypatch):
+    monkeypatch.setattr(stream_device, "DECODED_BYTES", 500)
+    monkeypatch.setattr(stream_device, "DECODE_S", 0.0)
+    monkeypatch.setattr(stream_device, "MAX_BEHIND_BYTES", 1000)
+    received = []
+    with running(tap=lambda t, data: received.append((t, len(data)))) as (_, imu, _):
+        wait_until(lambda: sum(size for _, size in received) > 12_000)
+        imu.stop()
+        blocks = [imu.poll() for _ in range(10)]
+        unread = imu.health.unread
+    assert unread > 200
+    assert sum(len(block) for block in blocks) <= 2500 // 28
+    assert blocks[-1].host_s.size == 0
+    assert max(block.host_s[-1] for block in blocks if len(block)) * 1e9 >= received[-1][0] - 1e8
 
 
 def test_what_nobody_polls_is_bounded_and_counted(monkeypatch):
