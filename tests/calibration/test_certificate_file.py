@@ -244,7 +244,7 @@ def test_what_is_no_certificate_is_refused(tmp_path, data, words):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.json"):
         load_certificate(tmp_path / "none.json")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="no ordinary file"):
         load_certificate(tmp_path)
 
 
