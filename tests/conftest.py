@@ -22,6 +22,9 @@ settings.register_profile("untimed", deadline=None)  # a busy machine fails no t
 settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parent.parent
+AGAINST_THE_CLOCK = tuple(
+    f"tests/{folder}/" for folder in ("cli", "devices", "end_to_end", "recorder", "simulators")
+)
 LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
 WORKERS = 2  # sessions in simulated time mostly wait; more would get in each other's way
 
@@ -33,11 +36,15 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 class _InWholeFiles(LoadScopeScheduling):
-    """Keep together what shares fixtures: every file, and the folder that shares a session."""
+    """Keep together every file, and all that runs against the clock.
+
+    Simulated hardware keeps up with its clock as long as it has a core to itself; two such tests
+    at a time, of which some start a dozen programs, would take it from each other.
+    """
 
     def _split_scope(self, nodeid: str) -> str:
         path = nodeid.split("::")[0]
-        return "tests/cli" if path.startswith("tests/cli/") else path
+        return "against the clock" if path.startswith(AGAINST_THE_CLOCK) else path
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:

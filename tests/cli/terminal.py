@@ -31,6 +31,8 @@ class Terminal:
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
         self.slave = slave
         self.modes = termios.tcgetattr(slave)
+        self.modes[3] |= termios.NOFLSH  # Ctrl-C would throw away what nobody has read yet
+        termios.tcsetattr(slave, termios.TCSANOW, self.modes)
         self.process = subprocess.Popen(
             [sys.executable, "-ISc", TAKE_TERMINAL, PROGRAM, *map(str, arguments)],
             **{"stdin": slave, "stdout": slave, "stderr": slave, **files},
