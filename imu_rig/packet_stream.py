@@ -29,7 +29,7 @@ from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, fit_clock
 from imu_rig.timing.counters import differences
 from imu_rig.timing.host_time import HostTime
 from imu_rig.timing.live_clock_fit import LiveClockFit
-from imu_rig.timing.sample_order import COUNTED_SKEW, Ordered, SampleOrder, TimeSource
+from imu_rig.timing.sample_order import COUNTED_SKEW, Ordered, OrderStats, SampleOrder, TimeSource
 
 # The real rate of samples that carry no clock is measured.
 COUNTED_SPAN_S = 2.0  # after which the real rate of samples without a clock is fitted
@@ -40,7 +40,7 @@ PAUSE_S = 1.0  # without a byte: no packet goes on after it that has no checksum
 
 
 @dataclass(frozen=True)
-class StreamStats:
+class StreamStats(OrderStats):
     """What has become of everything received so far.
 
     Attributes
@@ -49,25 +49,11 @@ class StreamStats:
         Packets with a correct header and checksum, duplicates and late ones included.
     corrupt, skipped_bytes : int
         Packets with a wrong checksum; bytes that belong to no good packet.
-    lost : int
-        Samples missing between those delivered, by counter or clock.
-    duplicates, reordered, strays : int
-        Packets repeated; packets that came after later ones; packets with an impossible clock.
-    restarts : int
-        Times that the device's clock or counter began anew.
-    leaps : int
-        Times that it leapt ahead of the host's clock, as when the computer had slept.
     """
 
     good: int = 0
     corrupt: int = 0
     skipped_bytes: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    reordered: int = 0
-    strays: int = 0
-    restarts: int = 0
-    leaps: int = 0
 
 
 @dataclass(frozen=True)
@@ -431,17 +417,12 @@ def _taken(rows: StructArray, places: IntArray) -> StructArray:
 
 
 def _stats(decoder: StreamDecoder, order: SampleOrder) -> StreamStats:
-    decoded, ordered = decoder.stats, order.stats
+    decoded = decoder.stats
     return StreamStats(
+        **vars(order.stats),
         good=decoded.good,
         corrupt=decoded.corrupt,
         skipped_bytes=decoded.skipped_bytes,
-        lost=ordered.lost,
-        duplicates=ordered.duplicates,
-        reordered=ordered.reordered,
-        strays=ordered.strays,
-        restarts=ordered.restarts,
-        leaps=ordered.leaps,
     )
 
 

@@ -31,7 +31,19 @@ RECENT = 64  # packets among which a late one is recognized as a duplicate
 
 @dataclass(frozen=True)
 class OrderStats:
-    """How many packets were lost, repeated, out of order or impossible; restarts and leaps."""
+    """What has become of the order of a device's packets.
+
+    Attributes
+    ----------
+    lost : int
+        Samples missing between those delivered, by counter or clock.
+    duplicates, reordered, strays : int
+        Packets repeated; packets that came after later ones; packets with an impossible clock.
+    restarts : int
+        Times that the device's clock or counter began anew.
+    leaps : int
+        Times that it leapt ahead of the host's clock, as when the computer had slept.
+    """
 
     lost: int = 0
     duplicates: int = 0

@@ -96,7 +96,7 @@ class FakePort(Port):
             return data
 
     def _write(self, data: bytes) -> None:
-        raise NotImplementedError
+        raise AssertionError("nobody writes to a sensor that only sends")
 
     def _close(self) -> None:
         pass

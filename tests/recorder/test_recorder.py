@@ -28,7 +28,8 @@ from simulators.served_devices import ServedDevices
 
 LAYOUT = load_layout("mpu9150-28")
 PATIENCE_S = 20.0
-MOST_AT_THE_ENDS = 250  # packets, in little more than a second; a counter has 256
+MOST_EARLY = 100  # packets, half a second
+MOST_LATE = 250  # a busy machine takes its time to close a port
 GARBAGE_BYTES_PER_S = 1_000_000
 GARBAGE_BYTES = 1_500_000
 CERTIFICATE = Path(__file__).parents[1] / "data" / "certificate-v1.json"
@@ -108,8 +109,8 @@ def assert_nothing_lost(served, path, name):
     [(first, last)] = served.counters(name)
     assert np.all(np.diff(counter) == 1)
     early = int(counter[0] - first) % 256
-    assert early < MOST_AT_THE_ENDS
-    assert 0 <= last - first + 1 - early - len(counter) < MOST_AT_THE_ENDS
+    assert early < MOST_EARLY
+    assert 0 <= last - first + 1 - early - len(counter) < MOST_LATE
 
 
 def setup_of(served, names, rate_hz=200.0, **more):
