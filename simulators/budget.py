@@ -82,8 +82,10 @@ def draw_jig(rng: np.random.Generator, budget: Budget) -> JigModel:
     )
 
 
-def draw_sensor(rng: np.random.Generator, budget: Budget) -> SensorModel:
-    """Draw the gains and offsets of a sensor."""
+def draw_sensor(
+    rng: np.random.Generator, budget: Budget, usual: SensorModel | None = None
+) -> SensorModel:
+    """Draw the gains and offsets of a sensor with the noise and drift of a usual one."""
 
     def triad(
         scale: float, cross: float, limits: np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -97,21 +99,27 @@ def draw_sensor(rng: np.random.Generator, budget: Budget) -> SensorModel:
     accel = triad(budget.scale, budget.cross_axis, np.array(budget.accel_bias_mg) * MILLI_G)
     gyro = triad(budget.scale, budget.cross_axis, np.full(3, budget.gyro_bias_dps * DEG))
     mag = triad(budget.soft_iron, budget.soft_iron / 2, np.full(3, budget.hard_iron_ut))
-    return SensorModel(
-        accel_gain=accel[0],
-        accel_offset=accel[1],
-        gyro_gain=gyro[0],
-        gyro_offset=gyro[1],
-        mag_gain=mag[0],
-        mag_offset=mag[1],
+    return (usual or SensorModel()).model_copy(
+        update={
+            "accel_gain": accel[0],
+            "accel_offset": accel[1],
+            "gyro_gain": gyro[0],
+            "gyro_offset": gyro[1],
+            "mag_gain": mag[0],
+            "mag_offset": mag[1],
+        }
     )
 
 
-def draw_firmware(rng: np.random.Generator, budget: Budget) -> FirmwareModel:
-    """Draw a device clock."""
-    return FirmwareModel(
-        skew_ppm=float(rng.normal(0.0, budget.skew_ppm)),
-        clock_offset_s=float(rng.uniform(0.0, CLOCK_RANGE_S)),
+def draw_firmware(
+    rng: np.random.Generator, budget: Budget, usual: FirmwareModel | None = None
+) -> FirmwareModel:
+    """Draw a device clock for a usual way from device to host."""
+    return (usual or FirmwareModel()).model_copy(
+        update={
+            "skew_ppm": float(rng.normal(0.0, budget.skew_ppm)),
+            "clock_offset_s": float(rng.uniform(0.0, CLOCK_RANGE_S)),
+        }
     )
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from imu_rig.units import STANDARD_GRAVITY
 from simulators.budget import Budget, draw_firmware, draw_jig, draw_sensor
 from simulators.faults import PlannedFault
+from simulators.imu_kinds import DEFAULT_KIND, IMU_KINDS, ImuKind, check_kind
 from simulators.models import (
     IDENTITY,
     ZERO,
@@ -29,6 +30,15 @@ EARTH_RATE = 7.292115e-5
 """Rotation of the Earth [rad/s] (WGS-84)."""
 
 
+def _usual(part: str) -> Any:
+    """Return a default that is the usual part of the kind of IMU that was chosen."""
+
+    def make(chosen: dict[str, Any]) -> Any:
+        return getattr(IMU_KINDS[chosen.get("imu", DEFAULT_KIND)], part)
+
+    return Field(default_factory=make)
+
+
 class RigConfig(Model):
     """A jig, a sensor on it, a servo controller and the place where they stand.
 
@@ -42,6 +52,11 @@ class RigConfig(Model):
         For the Earth's rotation, with x east and y north; None is an Earth at rest.
     field_ut : (float, float, float)
         Magnetic field in navigation axes [uT].
+    pressure_pa, air_c : float
+        Of the air, alike at all times [Pa, degC].
+    imu : str
+        Kind of IMU, a name of `simulators.imu_kinds.IMU_KINDS`; the defaults of sensor and
+        firmware are those of the kind.
     jig, sensor, firmware, maestro : models
     maestro_mode : str
         "usb-dual-port", "usb-chained", or "uart-detect" as it comes from the factory.
@@ -53,12 +68,32 @@ class RigConfig(Model):
     gravity: Positive = STANDARD_GRAVITY
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = 45.0
     field_ut: Vector3 = (0.0, 22.0, -45.0)
+    pressure_pa: Positive = 101_325.0
+    air_c: float = 25.0
+    imu: str = DEFAULT_KIND
     jig: JigModel = Field(default_factory=JigModel)
-    sensor: SensorModel = Field(default_factory=SensorModel)
-    firmware: FirmwareModel = Field(default_factory=FirmwareModel)
+    sensor: SensorModel = _usual("sensor")
+    firmware: FirmwareModel = _usual("firmware")
     maestro: MaestroModel = Field(default_factory=MaestroModel)
     maestro_mode: MaestroMode = "usb-dual-port"
     faults: tuple[PlannedFault, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_kind(cls, given: Any) -> Any:
+        if isinstance(given, dict) and isinstance(imu := given.get("imu"), str):
+            check_kind(imu)
+        return given
+
+    @property
+    def kind(self) -> ImuKind:
+        """The kind of IMU."""
+        return IMU_KINDS[self.imu]
+
+    @property
+    def protocol(self) -> str:
+        """Name of the protocol, or path of the layout file, that the IMU speaks."""
+        return self.firmware.layout if self.kind.any_layout else self.kind.protocol
 
     @property
     def earth_rate(self) -> Vector3:
@@ -69,15 +104,34 @@ class RigConfig(Model):
         return 0.0, EARTH_RATE * math.cos(latitude), EARTH_RATE * math.sin(latitude)
 
     @classmethod
-    def random(cls, seed: int, *, budget: Budget | None = None) -> RigConfig:
-        """Draw a rig from the error budgets; the same seed gives the same rig."""
-        budget = budget or Budget()
+    def random(
+        cls, seed: int, *, imu: str = DEFAULT_KIND, budget: Budget | None = None
+    ) -> RigConfig:
+        """Draw a rig from the error budgets; the same seed gives the same rig.
+
+        Parameters
+        ----------
+        seed : int
+        imu : str
+            Kind of IMU.
+        budget : Budget, optional
+            In place of the kind's.
+
+        Raises
+        ------
+        ValueError
+            For a kind that there is not; the sentence lists them.
+        """
+        check_kind(imu)
+        kind = IMU_KINDS[imu]
+        budget = budget or kind.budget
         rng = np.random.default_rng([seed, 0])
         return cls(
             seed=seed,
+            imu=imu,
             jig=draw_jig(rng, budget),
-            sensor=draw_sensor(rng, budget),
-            firmware=draw_firmware(rng, budget),
+            sensor=draw_sensor(rng, budget, kind.sensor),
+            firmware=draw_firmware(rng, budget, kind.firmware),
         )
 
     @classmethod

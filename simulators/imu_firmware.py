@@ -3,42 +3,40 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_protocols.layout import Field, PacketLayout
-from firmware_protocols.packets import encode, quantize
 from imu_rig.arrays import FloatArray
-from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS
+from simulators.encoders import Encoder, MadeSamples
 from simulators.faults import WRONG_FACTOR, FaultSet
+from simulators.inertial_sensor import InertialSensor, Readings, Vibration
 from simulators.link import Outbox
 from simulators.models import FirmwareModel
-from simulators.mpu9150 import Mpu9150, Readings, Vibration
 from simulators.sampling import Sampler
 
-DEFAULT_RATE_HZ = 100.0
 
-STATUS_RESTARTED = 0x01
-"""Status bit: the device started less than a second ago."""
+@dataclass(frozen=True)
+class Air:
+    """The air around the device: pressure [Pa] and temperature [degC], alike at all times."""
 
-STATUS_SATURATED = 0x02
-"""Status bit: an axis of the accelerometer or gyroscope is at the end of its range."""
-
-RESTARTED_S = 1.0
+    pressure: float
+    temperature_c: float
 
 
 class ImuFirmware:
-    """Samples the sensor by its own clock and hands packets to the radio.
+    """Samples the sensor by its own clock and hands the packets that come of it to the radio.
 
     A sample holds the mean over the interval that ends at its time stamp.
 
     Parameters
     ----------
     model : FirmwareModel
-    layout : PacketLayout
-    sensor : Mpu9150
+    encoder : Encoder
+        What the device makes of its samples and of what the host says.
+    sensor : InertialSensor
     sampler : Sampler
+    air : Air
     rng, garbage_rng : numpy Generator
         For the radio's bursts, and for the bytes of the fault "garbage".
     """
@@ -46,9 +44,10 @@ class ImuFirmware:
     def __init__(
         self,
         model: FirmwareModel,
-        layout: PacketLayout,
-        sensor: Mpu9150,
+        encoder: Encoder,
+        sensor: InertialSensor,
         sampler: Sampler,
+        air: Air,
         rng: np.random.Generator,
         garbage_rng: np.random.Generator,
     ) -> None:
@@ -59,12 +58,11 @@ class ImuFirmware:
         self.vibration: Vibration | None = None
         self.sent = 0
         self._model = model
-        self._layout = layout
+        self._encoder = encoder
+        self._air = air
         self._rng = rng
         self._garbage_rng = garbage_rng
         self._true_per_device_s = 1.0 / (1.0 + model.skew_ppm * 1e-6)
-        rate = model.rate_hz or layout.rate_hz or DEFAULT_RATE_HZ
-        self._period_s = 1.0 / rate
         self._queue = bytearray()
         self._stuck: Readings | None = None
         self._last: Readings | None = None
@@ -87,9 +85,14 @@ class ImuFirmware:
     def _start(self, now_s: float, clock_s: float) -> None:
         self._boot_s = now_s
         self._boot_clock_s = clock_s
+        self._queue += self._encoder.boot(now_s)
         self._next_s = self._period_s
         self._counter = 0
         self.sampler.restart(now_s)
+
+    @property
+    def _period_s(self) -> float:
+        return 1.0 / self._encoder.sample_hz
 
     def device_clock_s(self, t: FloatArray) -> FloatArray:
         """Return what the device's clock shows at world times."""
@@ -100,7 +103,7 @@ class ImuFirmware:
         self._stuck = self._last if stuck else None
 
     def catch_up(self, now_s: float) -> None:
-        """Take every sample that is due and give its packet to the radio."""
+        """Take every sample that is due and give what it sends to the radio."""
         if not self._running:
             self.sampler.restart(now_s)
             return
@@ -119,20 +122,34 @@ class ImuFirmware:
             readings = _repeated(self._stuck, number)
         counter = self._counter + np.arange(number)
         self._counter += number
-        self._transmit(self._pack(device_s, counter, readings), means.t)
+        samples = MadeSamples(
+            t=means.t,
+            device_s=self._boot_clock_s + device_s,
+            counter=counter,
+            readings=readings,
+            pressure=np.full(number, self._air.pressure),
+            air_c=np.full(number, self._air.temperature_c),
+        )
+        self._transmit(self._encoder.encode(samples), means.t)
 
-    def _transmit(self, packets: bytes, t: FloatArray) -> None:
-        if self.faults.has("garbage"):
-            packets = self._garbage_rng.bytes(len(packets))
-        length = self._layout.length
-        if not self.faults:
-            self._queue += packets
-            self.sent += len(t)
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Hear what the host wrote, after the samples that came before, and answer."""
+        if not data or not self._running or self.faults.silent(now_s):
             return
-        for row, moment in enumerate(t):
-            if not self.faults.silent(float(moment)):
-                self._queue += packets[row * length : (row + 1) * length]
-                self.sent += 1
+        self.catch_up(now_s)
+        answer = self._encoder.receive(data, now_s)
+        if answer and self.faults.has("garbage"):
+            answer = self._garbage_rng.bytes(len(answer))
+        self._queue += answer
+
+    def _transmit(self, packets: list[bytes], t: FloatArray) -> None:
+        if self.faults.has("garbage"):
+            packets = _cut_as(packets, self._garbage_rng.bytes(sum(map(len, packets))))
+        if self.faults:
+            heard = [not self.faults.silent(moment) for moment in t.tolist()]
+            packets = [packet for packet, loud in zip(packets, heard, strict=True) if loud]
+        self._queue += b"".join(packets)
+        self.sent += sum(1 for packet in packets if packet)
 
     def flush(self, now_s: float) -> None:
         """Let the radio deliver what is due, and settle when it does so next."""
@@ -144,47 +161,11 @@ class ImuFirmware:
         wait = float(self._rng.uniform(shortest, longest)) if longest > 0 else self._period_s
         self.flush_at_s = now_s + wait
 
-    def _pack(
-        self, device_s: FloatArray, counter: np.ndarray[Any, Any], readings: Readings
-    ) -> bytes:
-        layout = self._layout
-        columns: dict[str, np.ndarray[Any, Any]] = {}
-        for field in layout.fields:
-            if field.type == "pad":
-                continue
-            shape = (len(counter), field.count) if field.count > 1 else (len(counter),)
-            if field.name == layout.counter:
-                columns[field.name] = counter % (field.limits[1] + 1)
-            elif field.name == layout.clock:
-                ticks = np.floor((self._boot_clock_s + device_s) / layout.clock_tick_s + 0.5)
-                columns[field.name] = ticks.astype(np.int64) % (field.limits[1] + 1)
-            elif field.name == "status" and field.is_integer and field.count == 1:
-                restarted = self._boot_s > 0 and device_s < RESTARTED_S
-                flags = STATUS_RESTARTED * np.asarray(restarted, dtype=np.int64)
-                columns[field.name] = flags | STATUS_SATURATED * readings.saturated
-            else:
-                values = _values(field, readings)
-                columns[field.name] = (
-                    np.zeros(shape, dtype=np.int64)
-                    if values is None or values.shape != shape
-                    else quantize(layout, field.name, values)
-                )
-        return encode(layout, columns)
 
-
-def _values(field: Field, readings: Readings) -> FloatArray | None:
-    """Return readings in the unit of the field that carries them; None for an unknown field."""
-    match field.name:
-        case "accel":
-            return readings.accel / ACCELERATION_UNITS.get(field.unit, 1.0)
-        case "gyro":
-            return readings.gyro / RATE_UNITS.get(field.unit, 1.0)
-        case "mag":
-            return readings.mag / FIELD_UNITS.get(field.unit, 1.0)
-        case "temperature":
-            return readings.temperature
-        case _:
-            return None
+def _cut_as(packets: list[bytes], data: bytes) -> list[bytes]:
+    """Cut as many bytes into pieces of the packets' lengths."""
+    ends = np.cumsum([len(packet) for packet in packets]).tolist()
+    return [data[end - len(packet) : end] for packet, end in zip(packets, ends, strict=True)]
 
 
 def _last_of(readings: Readings) -> Readings:

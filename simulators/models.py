@@ -151,7 +151,7 @@ class JigModel(Model):
 
 
 class SensorModel(Model):
-    """An MPU-9150: gains, offsets, noise and drift.
+    """An inertial sensor: gains, offsets, noise and drift; by default an MPU-9150's.
 
     The truth is in the form of a calibration: the physical quantity is ``gain @ raw - offset``,
     where raw is the reading in nominal SI units, once warm and without noise.
@@ -210,14 +210,16 @@ class SensorModel(Model):
 
 
 class FirmwareModel(Model):
-    """The microcontroller that samples the sensor and sends packets over Bluetooth.
+    """The microcontroller that samples the sensor and sends packets to the host.
 
     Attributes
     ----------
     layout : str
-        Name of a built-in packet layout, or the path of a layout file.
+        Name of a built-in packet layout, or the path of a layout file, for kinds of IMU that
+        send any layout.
     rate_hz : float or None
-        Samples per second of the device's clock; None takes the layout's, or 100.
+        Samples per second of the device's clock; None takes the layout's, or 100. Kinds whose
+        rate is their own affair ignore it.
     skew_ppm : float
         How much faster than true the device's clock runs.
     clock_offset_s : float

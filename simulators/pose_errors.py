@@ -9,8 +9,8 @@ import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.units import DEG, MILLI_G
+from simulators.inertial_sensor import Vibration
 from simulators.models import JigModel
-from simulators.mpu9150 import Vibration
 
 
 @dataclass(frozen=True)

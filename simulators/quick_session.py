@@ -19,9 +19,9 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.rotation import from_rotation_vector, to_matrix, to_rotation_vector
 from imu_rig.units import DEG
 from simulators.config import RigConfig
+from simulators.inertial_sensor import InertialSensor, Readings, Vibration
 from simulators.jig import JOINTS, Jig
 from simulators.models import ZERO, JigModel, SensorModel, Vector3
-from simulators.mpu9150 import Mpu9150, Readings, Vibration
 from simulators.pose_errors import draw_pose_errors
 from simulators.quick_motion import Way, joint_rows, way_steps
 from simulators.rig import AffineTruth, RigTruth
@@ -189,7 +189,7 @@ def quick_session(
         drive.visit(index, pose, hold, mounted[index])
     motion = drive.motion()
     jigs = [_jig(config, matrix) for matrix in matrices]
-    sensor = Mpu9150(config.sensor, rngs[3])
+    sensor = InertialSensor(config.sensor, config.kind.ranges, rngs[3])
     readings = [sensor.read(*sampled) for sampled in _sampled(motion, jigs, per_sample)]
     return _noted(
         _Recorded(readings, per_sample),

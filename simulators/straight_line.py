@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from simulators.inertial_sensor import bent
 from simulators.models import Vector3
-from simulators.mpu9150 import bent
 from simulators.rig import AffineTruth
 
 DIRECTIONS = 2000

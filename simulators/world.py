@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_protocols.layout import load_layout
 from imu_rig.arrays import FloatArray
 from imu_rig.rotation import from_rotation_vector, multiply, to_rotation_vector
 from imu_rig.units import DEG
@@ -27,10 +26,10 @@ from simulators.faults import (
     check_device,
     check_fault,
 )
-from simulators.imu_firmware import ImuFirmware
+from simulators.imu_firmware import Air, ImuFirmware
+from simulators.inertial_sensor import InertialSensor
 from simulators.jig import Jig
 from simulators.maestro_board import MaestroBoard
-from simulators.mpu9150 import Mpu9150
 from simulators.pose_errors import draw_pose_errors
 from simulators.sampling import Sampler
 from simulators.servo import NEW_STOP_AFTER_S, STEP_S, Follower, Servo
@@ -84,7 +83,8 @@ class World:
     """
 
     def __init__(self, config: RigConfig) -> None:
-        layout = load_layout(config.firmware.layout)
+        kind = config.kind
+        encoder = kind.encoder(config.firmware, np.random.default_rng([config.seed, 3]))
         models = {axis: getattr(config.jig, axis) for axis in AXES}
         for axis, model in models.items():
             if model.channel >= config.maestro.channels:
@@ -106,9 +106,10 @@ class World:
         }
         self.imu = ImuFirmware(
             config.firmware,
-            layout,
-            Mpu9150(config.sensor, rngs[3]),
+            encoder,
+            InertialSensor(config.sensor, kind.sensor_ranges, rngs[3]),
             Sampler(self.jig, 0.0),
+            Air(config.pressure_pa, config.air_c),
             rng=rngs[4],
             garbage_rng=rngs[5],
         )
@@ -140,9 +141,11 @@ class World:
                 heapq.heappop(self._events)[2]()
 
     def receive(self, device: str, data: bytes) -> None:
-        """Take bytes that the host wrote to a device's port; the IMU ignores them."""
+        """Take bytes that the host wrote to a device's port."""
         if device == "maestro":
             self.maestro.receive(data, self.t_s)
+        else:
+            self.imu.receive(data, self.t_s)
 
     def take(self, device: str) -> bytes:
         """Return the bytes of a device that have arrived at the host's port."""

@@ -5,7 +5,7 @@ import pytest
 
 from firmware_protocols.packets import values
 from simulators.config import RigConfig
-from simulators.imu_firmware import STATUS_SATURATED
+from simulators.encoders import STATUS_SATURATED
 from simulators.models import FirmwareModel
 
 IDEAL = RigConfig.ideal()

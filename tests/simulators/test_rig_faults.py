@@ -6,8 +6,8 @@ import pytest
 from firmware_protocols.maestro import GetPosition, SetSpeed, SetTarget, decode_reply_u16
 from imu_rig.units import DEG
 from simulators.config import RigConfig
+from simulators.encoders import STATUS_RESTARTED
 from simulators.faults import SUPPORTED, PlannedFault
-from simulators.imu_firmware import STATUS_RESTARTED
 
 ROLL = 2
 
