@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,71 +12,15 @@ from firmware_protocols.counting import SequenceCounter
 from firmware_protocols.framing import find_many, find_short, rows_at
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts
+from firmware_protocols.protocol import DecodeStats, Packets
+
+__all__ = ["DecodeStats", "Packets", "SingleDecoder", "StreamDecoder"]
 
 PIECE_BYTES = 1 << 20
 """Longer input is worked through in pieces of this size: temporary memory stays bounded."""
 
 SHORT_BYTES = 1024
 """Up to here plain Python is quicker than arrays."""
-
-
-@dataclass(frozen=True)
-class Packets:
-    """Packets in the order of the stream.
-
-    Attributes
-    ----------
-    rows : shape (n,), structured
-        Of the layout's dtype; see :mod:`firmware_protocols.packets` for counts and values.
-    end : shape (n,), int64
-        Bytes of the stream up to and including each packet.
-    """
-
-    rows: npt.NDArray[np.void]
-    end: npt.NDArray[np.int64]
-
-    def __len__(self) -> int:
-        """Return the number of packets."""
-        return len(self.rows)
-
-    @staticmethod
-    def concatenate(parts: list[Packets]) -> Packets:
-        """Join packets of one stream in order, of which there must be a part."""
-        if len(parts) == 1:
-            return parts[0]
-        return Packets(
-            np.concatenate([part.rows for part in parts]),
-            np.concatenate([part.end for part in parts]),
-        )
-
-
-@dataclass(frozen=True)
-class DecodeStats:
-    """What a stream has held so far; sums with ``+``.
-
-    Attributes
-    ----------
-    good : int
-        Packets decoded.
-    corrupt : int
-        Headers that turned out not to begin a good packet.
-    skipped_bytes : int
-        Bytes that belong to no packet.
-    lost, duplicates, reordered : int
-        By the layout's counter, see :mod:`firmware_protocols.counting`; 0 without one.
-    """
-
-    good: int = 0
-    corrupt: int = 0
-    skipped_bytes: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    reordered: int = 0
-
-    def __add__(self, other: DecodeStats) -> DecodeStats:
-        return DecodeStats(
-            *(getattr(self, f.name) + getattr(other, f.name) for f in fields(DecodeStats))
-        )
 
 
 class StreamDecoder:
@@ -99,7 +43,7 @@ class StreamDecoder:
         self._skipped = 0
         self._sequence: SequenceCounter | None = None
         if layout.counter is not None:
-            self._sequence = SequenceCounter(1 << layout.field(layout.counter).bits)
+            self._sequence = SequenceCounter(1 << layout.field(layout.counter).number_bits)
 
     @property
     def pending(self) -> int:
@@ -166,3 +110,28 @@ class StreamDecoder:
         if self._sequence is not None and self.layout.counter is not None:
             structured = rows.view(self.layout.dtype)[:, 0]
             self._sequence.add(counts(self.layout, structured, self.layout.counter), rows)
+
+
+class SingleDecoder:
+    """The decoder of a port with one stream, which has no name."""
+
+    def __init__(self, layout: PacketLayout) -> None:
+        self._decoder = StreamDecoder(layout)
+
+    @property
+    def pending(self) -> int:
+        """Bytes received but not decided yet."""
+        return self._decoder.pending
+
+    @property
+    def stats(self) -> DecodeStats:
+        """What everything decided so far has held."""
+        return self._decoder.stats
+
+    def feed(self, data: bytes | bytearray | memoryview) -> Mapping[str, Packets]:
+        """Return the packets that these next bytes of the stream complete."""
+        return {"": self._decoder.feed(data)}
+
+    def cut(self) -> None:
+        """Let no packet lie on both sides of here."""
+        self._decoder.cut()

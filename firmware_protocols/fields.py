@@ -29,7 +29,10 @@ BYTE_ORDERS = {"little": "<", "big": ">"}
 
 _AXIS = re.compile(r"[+-][xyz]")
 _FIELD_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+_FAULT_NAME = re.compile(r"[^\x00-\x1f\x7f-\x9f]{1,80}")
 _RESERVED = ("header", "checksum")
+
+MAX_SCALES = 16
 
 
 class LayoutError(ValueError):
@@ -57,6 +60,18 @@ class Field:
     axes : tuple of str or None
         For three numbers on rotated axes: which raw axis the x, y and z values are, with sign.
         ("+y", "+x", "-z") says x = raw y, y = raw x, z = -raw z.
+    low_bits : int or None
+        How many bits of an integer are the number, from the lowest; those above are flags. None
+        for all.
+    flags : tuple of (str, int)
+        Bits with a meaning, as lower-case word and number of the bit from the lowest: columns of
+        the samples, 0 or 1. Of several numbers, the bit of any.
+    faults : tuple of (str, int)
+        Bits that tell of trouble, in human words: named in the device's health.
+    scale_by : str or None
+        Another integer field of the packet, by whose count ``counts_per_unit`` is looked up in
+        ``scales``: a range setting. A count that is not there makes the value NaN.
+    scales : tuple of (int, float)
     """
 
     name: str
@@ -67,6 +82,11 @@ class Field:
     counts_per_unit: float = 1.0
     zero: float = 0.0
     axes: tuple[str, ...] | None = None
+    low_bits: int | None = None
+    flags: tuple[tuple[str, int], ...] = ()
+    faults: tuple[tuple[str, int], ...] = ()
+    scale_by: str | None = None
+    scales: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not _FIELD_NAME.fullmatch(self.name) or self.name in _RESERVED:
@@ -92,6 +112,41 @@ class Field:
             raise LayoutError(f"{where}: zero must be a finite number.")
         if self.axes is not None:
             self._check_axes(where, self.axes)
+        self._check_bits(where)
+        self._check_scales(where)
+
+    def _check_bits(self, where: str) -> None:
+        named = (*self.flags, *self.faults)
+        if (self.low_bits is not None or named) and not self.is_integer:
+            raise LayoutError(f"{where}: low_bits, flags and faults are for whole numbers only.")
+        if self.low_bits is not None and not 1 <= self.low_bits <= self.bits:
+            raise LayoutError(f"{where}: low_bits must be 1 to {self.bits}.")
+        if len(named) > self.bits:
+            raise LayoutError(f"{where}: more flags and faults than the field has bits.")
+        for name, bit in named:
+            if not 0 <= bit < self.bits:
+                raise LayoutError(
+                    f"{where}: bit {bit} of {quote(name)} is not 0 to {self.bits - 1}."
+                )
+        for name, _ in self.flags:
+            if not _FIELD_NAME.fullmatch(name):
+                raise LayoutError(
+                    f"{where}: the flag {quote(name)} cannot be used: take a lower-case word."
+                )
+        for name, _ in self.faults:
+            if not _FAULT_NAME.fullmatch(name):
+                raise LayoutError(
+                    f"{where}: the fault {quote(name)} cannot be used: take up to 80 printable "
+                    "letters."
+                )
+
+    def _check_scales(self, where: str) -> None:
+        if (self.scale_by is None) != (not self.scales) or len(self.scales) > MAX_SCALES:
+            raise LayoutError(
+                f"{where}: scale_by and scales go together, with up to {MAX_SCALES} scales."
+            )
+        if not all(math.isfinite(scale) and scale != 0 for _, scale in self.scales):
+            raise LayoutError(f"{where}: scales must be finite numbers other than 0.")
 
     def _check_axes(self, where: str, axes: tuple[str, ...]) -> None:
         permuted = sorted(a[1:] for a in axes if _AXIS.fullmatch(a)) == ["x", "y", "z"]
@@ -117,13 +172,19 @@ class Field:
         return 8 * TYPE_SIZES[self.type]
 
     @property
+    def number_bits(self) -> int:
+        """Bits of one number, without the flags above it."""
+        return self.bits if self.low_bits is None else self.low_bits
+
+    @property
     def limits(self) -> tuple[int, int]:
         """Least and greatest count of an integer field."""
         if not self.is_integer:
             raise LayoutError(f"field {self.name!r}: type {self.type} has no integer limits.")
+        bits = self.number_bits
         if self.type[0] == "u":
-            return 0, 2**self.bits - 1
-        return -(2 ** (self.bits - 1)), 2 ** (self.bits - 1) - 1
+            return 0, 2**bits - 1
+        return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1
 
 
 @dataclass(frozen=True)

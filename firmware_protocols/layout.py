@@ -8,10 +8,8 @@ written as a small TOML file; files are not trusted, and every mistake in one is
 from __future__ import annotations
 
 import json
-import math
-import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.resources import files
@@ -23,13 +21,15 @@ import numpy as np
 from firmware_protocols.fields import (
     BYTE_ORDERS,
     MAX_PACKET_BYTES,
+    MAX_SCALES,
     TYPE_SIZES,
     Checksum,
     Field,
     LayoutError,
-    check_byte_order,
     quote,
 )
+from firmware_protocols.protocol import Decoder, DeviceProtocol
+from firmware_protocols.rows import MAX_FIELDS, Barometer, RowLayout
 
 __all__ = [
     "DEFAULT_LAYOUT_NAME",
@@ -39,115 +39,54 @@ __all__ = [
     "Field",
     "LayoutError",
     "PacketLayout",
-    "builtin_layouts",
     "load_layout",
 ]
 
 DEFAULT_LAYOUT_NAME = "mpu9150-28"
 MAX_HEADER_BYTES = 64
-MAX_FIELDS = 256
 MAX_FILE_BYTES = 1 << 16
 MAX_DOTS = 32  # in one line; a key of thousands of parts keeps its reader busy for ever
-
-_LAYOUT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class PacketLayout:
+@dataclass(frozen=True, kw_only=True)
+class PacketLayout(RowLayout, DeviceProtocol):
     """A whole packet of fixed length: header, fields in wire order, checksum.
+
+    The simplest protocol: a device that sends nothing else has one stream, without a name.
 
     Attributes
     ----------
-    name, title : str
-        Short name for options and files, and one line for people.
-    byte_order : str
-        "little" or "big", for every field that does not say otherwise.
     header : bytes
         What every packet begins with.
-    fields : tuple of Field
     checksum : Checksum or None
-    counter : str or None
-        Name of the field that counts packets, modulo its type.
-    clock : str or None
-        Name of the field with the device's clock, modulo its type.
-    clock_tick_s : float
-        One count of the clock [s].
-    rate_hz : float or None
-        Nominal packets per second.
     """
 
-    name: str
-    title: str
-    byte_order: str
     header: bytes
-    fields: tuple[Field, ...]
     checksum: Checksum | None = None
-    counter: str | None = None
-    clock: str | None = None
-    clock_tick_s: float = 1e-6
-    rate_hz: float | None = None
 
     def __post_init__(self) -> None:
-        if not _LAYOUT_NAME.fullmatch(self.name):
-            raise LayoutError(
-                f"name {quote(self.name)} cannot be used: take up to 64 letters, digits, dots, "
-                "hyphens and underscores."
-            )
-        if len(self.title) > 200:
-            raise LayoutError("title is longer than 200 letters.")
-        check_byte_order("byte_order", self.byte_order)
         if not 1 <= len(self.header) <= MAX_HEADER_BYTES:
             raise LayoutError(
                 f"header must have 1 to {MAX_HEADER_BYTES} bytes: without one nothing tells where "
                 "a packet begins."
             )
-        self._check_fields()
-        if self.checksum is not None and not 0 <= self.checksum.start < self._checksum_offset:
-            raise LayoutError(
-                f"checksum: start must be 0 to {self._checksum_offset - 1}, inside the packet and "
-                "before the checksum."
-            )
-        self._check_counting_field("counter", self.counter)
-        self._check_counting_field("clock", self.clock)
-        if not (math.isfinite(self.clock_tick_s) and self.clock_tick_s > 0):
-            raise LayoutError("clock_tick_s must be a finite number of seconds above 0.")
-        if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise LayoutError("rate_hz must be a finite number above 0.")
-
-    def _check_fields(self) -> None:
-        if not 1 <= len(self.fields) <= MAX_FIELDS:
-            raise LayoutError(f"fields must list 1 to {MAX_FIELDS} fields.")
-        seen: set[str] = set()
-        for field in self.fields:
-            if field.name in seen:
-                raise LayoutError(f"field {field.name!r} is there twice; rename one of the two.")
-            seen.add(field.name)
+        super().__post_init__()
         if self.length > MAX_PACKET_BYTES:
             raise LayoutError(
                 f"the packet has {self.length} bytes, more than the {MAX_PACKET_BYTES} that a "
                 "layout may have."
             )
-
-    def _check_counting_field(self, key: str, name: str | None) -> None:
-        if name is None:
-            return
-        found = [f for f in self.fields if f.name == name]
-        if not found:
+        if self.checksum is not None and not 0 <= self.checksum.start < self._checksum_offset:
             raise LayoutError(
-                f"{key} names the field {quote(name)}, which is not among the fields "
-                f"({', '.join(f.name for f in self.fields)})."
-            )
-        if found[0].type not in ("u8", "u16", "u24", "u32") or found[0].count != 1:
-            raise LayoutError(
-                f"{key} names the field {name!r}, which must be one unsigned integer (u8, u16, "
-                "u24 or u32)."
+                f"checksum: start must be 0 to {self._checksum_offset - 1}, inside the packet and "
+                "before the checksum."
             )
 
     @cached_property
     def _checksum_offset(self) -> int:
-        return len(self.header) + sum(f.size for f in self.fields)
+        return len(self.header) + self.row_bytes
 
     @cached_property
     def length(self) -> int:
@@ -158,37 +97,12 @@ class PacketLayout:
     def dtype(self) -> np.dtype[np.void]:
         """Structured type of one packet, without gaps: ``itemsize == length``.
 
-        The header is under "header" and a checksum under "checksum". 24-bit numbers and pads are
-        bytes here; :func:`firmware_protocols.packets.counts` makes integers of them.
+        As of a `RowLayout`, with the header under "header" and a checksum under "checksum".
         """
-        members: list[tuple[Any, ...]] = [("header", "u1", (len(self.header),))]
-        for field in self.fields:
-            shape = (field.count,) if field.count > 1 else ()
-            if field.type == "pad":
-                members.append((field.name, "u1", (field.count,)))
-            elif field.bits == 24:
-                members.append((field.name, "u1", (*shape, 3)))
-            else:
-                members.append((field.name, self._code(field.type, field.byte_order), shape))
+        members: list[tuple[Any, ...]] = [("header", "u1", (len(self.header),)), *self.members()]
         if self.checksum is not None:
-            code = self._code(f"u{8 * self.checksum.size}", self.checksum.byte_order)
-            members.append(("checksum", code))
+            members.append(("checksum", f"{BYTE_ORDERS[self.checksum_order]}u{self.checksum.size}"))
         return np.dtype(members)
-
-    def _code(self, type_name: str, byte_order: str | None) -> str:
-        return (
-            f"{BYTE_ORDERS[byte_order or self.byte_order]}{type_name[0]}{int(type_name[1:]) // 8}"
-        )
-
-    def field(self, name: str) -> Field:
-        """Return the field of this name, or raise :class:`LayoutError`."""
-        for field in self.fields:
-            if field.name == name:
-                return field
-        raise LayoutError(
-            f"layout {self.name}: there is no field {quote(name)} "
-            f"(fields: {', '.join(f.name for f in self.fields)})."
-        )
 
     @property
     def checksum_order(self) -> Literal["little", "big"]:
@@ -196,13 +110,36 @@ class PacketLayout:
         own = self.checksum.byte_order if self.checksum else None
         return "big" if (own or self.byte_order) == "big" else "little"
 
-    def order(self, field: Field) -> str:
-        """Return the byte order of a field: its own, or the layout's."""
-        return field.byte_order or self.byte_order
+    @property
+    def streams(self) -> Mapping[str, RowLayout]:
+        """The packets themselves, without a name."""
+        return {"": self}
 
-    def has(self, name: str) -> bool:
-        """Return whether there is a field of this name."""
-        return any(f.name == name for f in self.fields)
+    @property
+    def bytes_per_s(self) -> float | None:
+        """Nominal bytes per second."""
+        return None if self.rate_hz is None else self.rate_hz * self.length
+
+    @property
+    def packets_per_s(self) -> float | None:
+        """Nominal packets per second."""
+        return self.rate_hz
+
+    @property
+    def longest(self) -> int:
+        """Bytes of a packet."""
+        return self.length
+
+    @property
+    def proves_packets(self) -> bool:
+        """Whether there is a checksum."""
+        return self.checksum is not None
+
+    def decoder(self) -> Decoder:
+        """Return a new decoder of a stream of these packets."""
+        from firmware_protocols.decoder import SingleDecoder  # which is built upon layouts
+
+        return SingleDecoder(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the layout as plain data, in the form of the TOML files."""
@@ -216,6 +153,7 @@ class PacketLayout:
             "clock_tick_s": self.clock_tick_s,
             "rate_hz": self.rate_hz,
             "fields": [_without_defaults(f) for f in self.fields],
+            "barometer": _without_defaults(self.barometer) if self.barometer else None,
             "checksum": _without_defaults(self.checksum) if self.checksum else None,
         }
         return {key: value for key, value in result.items() if value is not None}
@@ -223,11 +161,15 @@ class PacketLayout:
     def to_toml(self) -> str:
         """Return the layout as the text of a file that :func:`load_layout` reads back."""
         values = self.to_dict()
-        tables = {"[[fields]]": values.pop("fields"), "[checksum]": [values.pop("checksum", None)]}
-        lines = _toml_lines(values)
+        tables = {
+            "[[fields]]": values.pop("fields"),
+            "[barometer]": [values.pop("barometer", None)],
+            "[checksum]": [values.pop("checksum", None)],
+        }
+        lines = toml_lines(values)
         for head, entries in tables.items():
             for entry in entries:
-                lines += ["", head, *_toml_lines(entry)] if entry is not None else []
+                lines += ["", head, *toml_lines(entry)] if entry is not None else []
         return "\n".join(lines) + "\n"
 
     @classmethod
@@ -253,14 +195,34 @@ class PacketLayout:
 
 
 def load_layout(path_or_name: str | Path) -> PacketLayout:
-    """Load a layout from a TOML file, or the built-in one of that name.
+    """Load a layout of fixed-length packets from a TOML file, or the built-in one of that name.
+
+    For whatever a device may speak see :func:`firmware_protocols.known.load_protocol`.
 
     Raises
     ------
     LayoutError
         For a file that is missing, too large or not a usable layout.
     """
-    if isinstance(path_or_name, str) and path_or_name in _builtin_names():
+    data, source = read_description(path_or_name)
+    return PacketLayout.from_dict(data, source=source)
+
+
+def read_description(path_or_name: str | Path) -> tuple[dict[str, Any], str]:
+    """Read the plain data of a TOML file, or of the built-in one of that name.
+
+    Returns
+    -------
+    data : dict
+    source : str
+        Where they come from, for the beginning of an error.
+
+    Raises
+    ------
+    LayoutError
+        For a file that is missing, too large or no TOML.
+    """
+    if isinstance(path_or_name, str) and path_or_name in builtin_names():
         source = files(__package__) / "layouts" / f"{path_or_name}.toml"
         return _parse(source.read_bytes(), f"built-in layout {path_or_name}")
     path = Path(path_or_name)
@@ -268,7 +230,7 @@ def load_layout(path_or_name: str | Path) -> PacketLayout:
         if not path.is_file():
             raise LayoutError(
                 f"{path}: there is no such layout file, and no built-in layout of that name "
-                f"(built in: {', '.join(_builtin_names())})."
+                f"(built in: {', '.join(builtin_names())})."
             )
         with path.open("rb") as file:
             text = file.read(MAX_FILE_BYTES + 1)
@@ -281,24 +243,19 @@ def load_layout(path_or_name: str | Path) -> PacketLayout:
     return _parse(text, str(path))
 
 
-def builtin_layouts() -> dict[str, PacketLayout]:
-    """Return every built-in layout by its name."""
-    return {name: load_layout(name) for name in _builtin_names()}
-
-
-def _builtin_names() -> list[str]:
+def builtin_names() -> list[str]:
+    """Return the names of everything built in, in order."""
     entries = (files(__package__) / "layouts").iterdir()
     return sorted(e.name.removesuffix(".toml") for e in entries if e.name.endswith(".toml"))
 
 
-def _parse(text: bytes, source: str) -> PacketLayout:
+def _parse(text: bytes, source: str) -> tuple[dict[str, Any], str]:
     if any(line.count(b".") > MAX_DOTS for line in text.split(b"\n")):
         raise LayoutError(f"{source}: a line has more than {MAX_DOTS} dots.")
     try:
-        data = tomllib.loads(text.decode("utf-8"))
+        return tomllib.loads(text.decode("utf-8")), source
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested without end
         raise LayoutError(f"{source}: this is not a TOML file ({error}).") from None
-    return PacketLayout.from_dict(data, source=source)
 
 
 def _layout_from(data: Mapping[str, Any]) -> PacketLayout:
@@ -313,6 +270,7 @@ def _layout_from(data: Mapping[str, Any]) -> PacketLayout:
         byte_order=_take("the layout", data, "byte_order", str, "little"),
         header=_header(_take("the layout", data, "header", str, "")),
         fields=tuple(_field_from(number, entry) for number, entry in enumerate(listed, start=1)),
+        barometer=_barometer_from(_take("the layout", data, "barometer", dict, None)),
         checksum=_checksum_from(_take("the layout", data, "checksum", dict, None)),
         counter=_take("the layout", data, "counter", str, None),
         clock=_take("the layout", data, "clock", str, None),
@@ -340,6 +298,42 @@ def _field_from(number: int, entry: Any) -> Field:
         counts_per_unit=_number(where, entry, "counts_per_unit", 1.0),
         zero=_number(where, entry, "zero", 0.0),
         axes=None if axes is None else tuple(axes),
+        low_bits=_take(where, entry, "low_bits", int, None),
+        flags=_bits(where, "flags", _take(where, entry, "flags", dict, {})),
+        faults=_bits(where, "faults", _take(where, entry, "faults", dict, {})),
+        scale_by=_take(where, entry, "scale_by", str, None),
+        scales=_scales(where, _take(where, entry, "scales", dict, {})),
+    )
+
+
+def _bits(where: str, key: str, table: Mapping[str, Any]) -> tuple[tuple[str, int], ...]:
+    if any(not isinstance(bit, int) or isinstance(bit, bool) for bit in table.values()):
+        raise LayoutError(f"{where}: {key} must give the number of a bit for each name.")
+    return tuple(table.items())
+
+
+def _scales(where: str, table: Mapping[str, Any]) -> tuple[tuple[int, float], ...]:
+    if len(table) > MAX_SCALES:
+        raise LayoutError(f"{where}: there may be {MAX_SCALES} scales.")
+    scales = []
+    for key in table:
+        if not (key.lstrip("-").isascii() and key.lstrip("-").isdigit() and len(key) <= 12):
+            raise LayoutError(
+                f"{where}: scales are looked up by a whole number, not by {quote(key)}."
+            )
+        scales.append((int(key), _number(f"{where}, scales", table, key, None)))
+    return tuple(scales)
+
+
+def _barometer_from(entry: Mapping[str, Any] | None) -> Barometer | None:
+    if entry is None:
+        return None
+    _check_keys("barometer", entry, {f.name for f in fields(Barometer)})
+    return Barometer(
+        variant=_take("barometer", entry, "variant", str),
+        prom=_take("barometer", entry, "prom", str, "prom"),
+        d1=_take("barometer", entry, "d1", str, "d1"),
+        d2=_take("barometer", entry, "d2", str, "d2"),
     )
 
 
@@ -399,13 +393,15 @@ def _number(where: str, entry: Mapping[str, Any], key: str, default: float | Non
         raise LayoutError(f"{where}: {key} is too large a number.") from None
 
 
-def _toml_lines(values: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a table of numbers, texts and lists of texts."""
+def toml_lines(values: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a table of numbers, texts, lists of texts and tables of numbers."""
     return [f"{key} = {_toml(value)}" for key, value in values.items()]
 
 
 def _toml(value: Any) -> str:
     """Write a value as JSON does, but for a few letters: TOML and UTF-8 know fewer of them."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_toml(k)} = {_toml(v)}' for k, v in value.items())} }}"
     if not isinstance(value, str):
         return json.dumps(value)
     text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
@@ -414,13 +410,14 @@ def _toml(value: Any) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def _without_defaults(value: Field | Checksum) -> dict[str, Any]:
-    """Return a field or checksum as a table that leaves out what the default says anyway."""
+def _without_defaults(value: Field | Barometer | Checksum) -> dict[str, Any]:
+    """Return a part of a layout as a table that leaves out what the default says anyway."""
     result = {}
     for f in fields(value):
         entry = getattr(value, f.name)
-        if entry != f.default:
-            result[f.name] = (
-                list(entry) if isinstance(entry, Sequence) and f.name == "axes" else entry
-            )
+        if entry == f.default:
+            continue
+        if f.name in ("flags", "faults", "scales"):
+            entry = {str(key): number for key, number in entry}
+        result[f.name] = list(entry) if f.name == "axes" else entry
     return result

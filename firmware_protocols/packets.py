@@ -9,19 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_protocols.checksums import checksum_rows
-from firmware_protocols.layout import Field, LayoutError, PacketLayout
+from firmware_protocols.fields import Field, LayoutError
+from firmware_protocols.layout import PacketLayout
+from firmware_protocols.rows import RowLayout
 
 FloatArray = npt.NDArray[np.float64]
 AnyArray = npt.NDArray[Any]
+BoolArray = npt.NDArray[np.bool_]
 Rows = npt.NDArray[np.void]
 
 
-def counts(layout: PacketLayout, rows: Rows, name: str) -> AnyArray:
-    """Return one field as the device counted it, on the device's own axes.
+def counts(layout: RowLayout, rows: Rows, name: str) -> AnyArray:
+    """Return one field as the device counted it, on the device's own axes, without flags.
 
     Parameters
     ----------
-    layout : PacketLayout
+    layout : RowLayout
     rows : shape (n,), structured
         Packets, of ``layout.dtype``.
     name : str
@@ -37,12 +40,22 @@ def counts(layout: PacketLayout, rows: Rows, name: str) -> AnyArray:
         return raw
     if not field.is_integer:
         return _as_floats(raw)
-    if field.bits == 24:
-        return _from_24_bits(raw, layout.order(field), signed=field.type[0] == "i")
-    return raw.astype(np.int64)
+    whole = _whole(layout, field, raw)
+    return whole if field.low_bits is None else _low(whole, field)
 
 
-def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
+def flag(layout: RowLayout, rows: Rows, name: str, bit: int) -> BoolArray:
+    """Return whether a bit of an integer field is set, counted from the lowest; shape (n,).
+
+    Of several numbers, whether it is set in any.
+    """
+    is_set: BoolArray = (_whole(layout, layout.field(name), rows[name]) >> bit & 1).astype(np.bool_)
+    if is_set.ndim > 1:
+        is_set = np.any(is_set, axis=1)
+    return is_set
+
+
+def values(layout: RowLayout, rows: Rows, name: str) -> FloatArray:
     """Return one field in its unit, on the axes that the layout maps it to.
 
     Returns
@@ -52,14 +65,14 @@ def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
         beyond a number, as by a layout that nobody measured with.
     """
     field = layout.field(name)
-    if field.bits == 24:
+    if field.bits == 24 or field.low_bits is not None:
         scaled: FloatArray = counts(layout, rows, name).astype(np.float64)
     else:
         scaled = _as_floats(rows[name])
     with np.errstate(over="ignore"):
         if field.zero != 0.0:
             scaled -= field.zero
-        scaled /= field.counts_per_unit
+        scaled /= _scale(layout, field, rows, scaled.ndim)
     if field.axes is None:
         return scaled
     columns, signs = _axes(field.axes)
@@ -68,7 +81,9 @@ def values(layout: PacketLayout, rows: Rows, name: str) -> FloatArray:
     return turned
 
 
-def quantize(layout: PacketLayout, name: str, of_values: npt.ArrayLike) -> AnyArray:
+def quantize(
+    layout: RowLayout, name: str, of_values: npt.ArrayLike, *, selected: int | None = None
+) -> AnyArray:
     """Return the counts that a device sends for values: the inverse of :func:`values`.
 
     Rounds to the nearest count and stays at the end of the type's range beyond it, as a
@@ -76,11 +91,13 @@ def quantize(layout: PacketLayout, name: str, of_values: npt.ArrayLike) -> AnyAr
 
     Parameters
     ----------
-    layout : PacketLayout
+    layout : RowLayout
     name : str
         Field name.
     of_values : shape (n,) or (n, count)
         Values in the field's unit on the layout's axes; must be finite.
+    selected : int, optional
+        Count of the field that ``scale_by`` names, where there is one; otherwise the first.
     """
     field = layout.field(name)
     raw = np.asarray(of_values, dtype=np.float64)
@@ -89,7 +106,10 @@ def quantize(layout: PacketLayout, name: str, of_values: npt.ArrayLike) -> AnyAr
         turned = np.empty_like(raw)
         turned[..., columns] = raw * signs
         raw = turned
-    raw = raw * field.counts_per_unit + field.zero
+    scale = field.counts_per_unit
+    if field.scales:
+        scale = dict(field.scales)[field.scales[0][0] if selected is None else selected]
+    raw = raw * scale + field.zero
     if not field.is_integer:
         return raw
     lo, hi = field.limits
@@ -104,7 +124,7 @@ def encode(layout: PacketLayout, rows: Rows | Mapping[str, npt.ArrayLike]) -> by
     layout : PacketLayout
     rows : structured array of ``layout.dtype``, or mapping of field name to counts
         Of a mapping every field but pads must be there, with shape (n,) or (n, count), or without
-        the n for all packets alike.
+        the n for all packets alike; flags, with shape (n,) or none, are 0 where they are not.
 
     Raises
     ------
@@ -126,8 +146,10 @@ def encode(layout: PacketLayout, rows: Rows | Mapping[str, npt.ArrayLike]) -> by
 
 
 def _pack(layout: PacketLayout, columns: Mapping[str, npt.ArrayLike]) -> Rows:
+    flags = {name: (field, bit) for field in layout.fields for name, bit in field.flags}
     for name in columns:
-        layout.field(name)
+        if name not in flags:
+            layout.field(name)
     arrays: dict[str, AnyArray] = {}
     number = 1
     for field in layout.fields:
@@ -142,7 +164,21 @@ def _pack(layout: PacketLayout, columns: Mapping[str, npt.ArrayLike]) -> Rows:
     rows = np.zeros(number, dtype=layout.dtype)
     for name, array in arrays.items():
         _store(layout, layout.field(name), array, rows)
+    for name, (field, bit) in flags.items():
+        if name in columns:
+            _set_flag(layout, field, rows, np.asarray(columns[name]), bit)
     return rows
+
+
+def _set_flag(layout: RowLayout, field: Field, rows: Rows, is_set: AnyArray, bit: int) -> None:
+    """Set a bit in whole numbers, in all of several, in place."""
+    numbers = rows[field.name]
+    if field.bits == 24:
+        place = 2 - bit // 8 if layout.order(field) == "big" else bit // 8
+        numbers, bit = numbers[..., place], bit % 8
+    unsigned = numbers.view(numbers.dtype.str.replace("i", "u"))
+    which = np.broadcast_to(is_set.astype(np.bool_), numbers.shape[:1])
+    unsigned[which] |= unsigned.dtype.type(1 << bit)
 
 
 def _store(layout: PacketLayout, field: Field, array: AnyArray, rows: Rows) -> None:
@@ -158,14 +194,45 @@ def _store(layout: PacketLayout, field: Field, array: AnyArray, rows: Rows) -> N
             raise LayoutError(f"{where} takes whole numbers (counts), not {array.dtype}.")
         if array.size and not (lo <= int(array.min()) and int(array.max()) <= hi):
             raise LayoutError(f"{where} takes counts of {lo} to {hi}.")
+    if field.low_bits is not None:
+        array = array.astype(np.int64) & ((1 << field.low_bits) - 1)
     if field.bits == 24:
         rows[field.name] = _to_24_bits(array.astype(np.int64), layout.order(field))
+    elif field.low_bits is not None and field.type[0] == "i":
+        code = rows.dtype[field.name].base.str
+        rows[field.name] = array.astype(code.replace("i", "u")).view(code)
     else:
         rows[field.name] = array
 
 
 def _is_vector(field: Field) -> bool:
     return field.count > 1 or field.type == "pad"
+
+
+def _whole(layout: RowLayout, field: Field, raw: AnyArray) -> AnyArray:
+    """Return an integer field with the flags above its number."""
+    if field.bits == 24:
+        return _from_24_bits(raw, layout.order(field), signed=field.type[0] == "i")
+    return raw.astype(np.int64)
+
+
+def _low(whole: AnyArray, field: Field) -> AnyArray:
+    """Return the number in the low bits."""
+    number = whole & ((1 << field.number_bits) - 1)
+    if field.type[0] == "i":
+        number -= (number & (1 << (field.number_bits - 1))) << 1
+    return number
+
+
+def _scale(layout: RowLayout, field: Field, rows: Rows, dimensions: int) -> FloatArray | float:
+    """Return the counts per unit, of each row where another field selects it."""
+    if field.scale_by is None:
+        return field.counts_per_unit
+    selected = counts(layout, rows, field.scale_by)
+    scale = np.full(len(rows), np.nan)
+    for count, of_count in field.scales:
+        scale[selected == count] = of_count
+    return scale[:, np.newaxis] if dimensions > 1 else scale
 
 
 def _axes(axes: tuple[str, ...]) -> tuple[list[int], FloatArray]:

@@ -388,7 +388,7 @@ def _fit_options(layout: PacketLayout, source: TimeSource) -> dict[str, float]:
 
 def _order(layout: PacketLayout) -> SampleOrder:
     def modulus(name: str | None) -> int | None:
-        return None if name is None else 1 << layout.field(name).bits
+        return None if name is None else 1 << layout.field(name).number_bits
 
     return SampleOrder(
         clock_modulus=modulus(layout.clock),

@@ -127,7 +127,9 @@ def test_an_accelerometer_alone_reads_nan_for_the_gyroscope():
     ],
 )
 def test_layouts_that_hold_no_motion_are_refused_by_name(fields, word):
-    layout = PacketLayout("odd-one", "", "little", b"\x01", fields)
+    layout = PacketLayout(
+        name="odd-one", title="", byte_order="little", header=b"\x01", fields=fields
+    )
     with pytest.raises(InputError, match=f"odd-one.*{word}"):
         ImuStream(layout)
 

@@ -146,9 +146,10 @@ def _layout_files(wires: RecordedWires, folder: Path | None) -> Iterator[dict[st
 
     A layout that is not built in is written to a file, in the ports' folder where one was named.
     """
-    from firmware_protocols.layout import LayoutError, PacketLayout, builtin_layouts
+    from firmware_protocols.known import builtin_protocols, protocol_from_dict
+    from firmware_protocols.layout import LayoutError
 
-    builtin = {name: layout.to_dict() for name, layout in builtin_layouts().items()}
+    builtin = {name: layout.to_dict() for name, layout in builtin_protocols().items()}
     words: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         for number, source in enumerate(wires.sources, 1):
@@ -156,7 +157,7 @@ def _layout_files(wires: RecordedWires, folder: Path | None) -> Iterator[dict[st
             if not isinstance(values, dict):
                 continue
             try:
-                layout = PacketLayout.from_dict(values)
+                layout = protocol_from_dict(values)
             except LayoutError:
                 continue
             name = next((n for n, known in builtin.items() if known == layout.to_dict()), None)

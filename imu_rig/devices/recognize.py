@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from firmware_protocols.decoder import StreamDecoder
-from firmware_protocols.layout import PacketLayout, builtin_layouts
+from firmware_protocols.known import builtin_protocols
+from firmware_protocols.layout import PacketLayout
 from imu_rig.arrays import IntArray
 
 MIN_BYTES = 64
@@ -29,7 +30,9 @@ def recognize(
     checksum wins.
     """
     best: tuple[tuple[bool, int, int], PacketLayout] | None = None
-    for layout in (builtin_layouts() if layouts is None else layouts).values():
+    for layout in (builtin_protocols() if layouts is None else layouts).values():
+        if not isinstance(layout, PacketLayout):
+            continue
         ends = StreamDecoder(layout).feed(data).end
         covered = len(ends) * layout.length
         if not _in_rows(ends, layout) or covered < SHARE_OF_BYTES * len(data):

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_protocols.layout import Checksum, PacketLayout, builtin_layouts, load_layout
+from firmware_protocols.known import builtin_protocols
+from firmware_protocols.layout import Checksum, PacketLayout, load_layout
 from firmware_protocols.packets import encode
 from imu_rig.devices.recognize import explain, recognize
 
@@ -27,7 +28,7 @@ def stream(layout: PacketLayout, number=60, seed=1):
     return encode(layout, columns)
 
 
-@pytest.mark.parametrize("name", list(builtin_layouts()))
+@pytest.mark.parametrize("name", list(builtin_protocols()))
 def test_every_builtin_layout_is_recognized_from_any_point_of_its_stream(name):
     data = stream(load_layout(name))
     assert recognize(data).name == name

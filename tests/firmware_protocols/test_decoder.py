@@ -21,7 +21,15 @@ BARE = replace(MPU, name="bare", checksum=None, fields=(*MPU.fields, Field("rest
 
 
 def tiny(name, header, checksum=None, **more):
-    return PacketLayout(name, "", "big", header, (Field("n", "u8"),), checksum, **more)
+    return PacketLayout(
+        name=name,
+        title="",
+        byte_order="big",
+        header=header,
+        fields=(Field("n", "u8"),),
+        checksum=checksum,
+        **more,
+    )
 
 
 # With so few different bytes in the streams below, headers and checksums come about by chance.

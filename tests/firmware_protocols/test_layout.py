@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_protocols.checksums import SIZES
+from firmware_protocols.known import builtin_protocols, load_protocol
 from firmware_protocols.layout import (
     DEFAULT_LAYOUT_NAME,
     MAX_FILE_BYTES,
@@ -18,7 +19,6 @@ from firmware_protocols.layout import (
     Field,
     LayoutError,
     PacketLayout,
-    builtin_layouts,
     load_layout,
 )
 
@@ -154,15 +154,15 @@ def test_default_layout_is_the_28_byte_packet():
 
 
 def test_built_in_layouts_go_by_their_own_names():
-    assert DEFAULT_LAYOUT_NAME in builtin_layouts()
-    for name, layout in builtin_layouts().items():
-        assert layout.name == name
-        assert layout == load_layout(name)
+    assert DEFAULT_LAYOUT_NAME in builtin_protocols()
+    for name, protocol in builtin_protocols().items():
+        assert protocol.name == name
+        assert protocol.to_dict() == load_protocol(name).to_dict()
 
 
 def test_headers_of_built_in_layouts_differ():
     """Otherwise nothing could tell which of them a device speaks."""
-    headers = [layout.header for layout in builtin_layouts().values()]
+    headers = [p.header for p in builtin_protocols().values() if isinstance(p, PacketLayout)]
     assert len(set(headers)) == len(headers)
 
 
@@ -185,7 +185,7 @@ def test_checksum_none_is_none(load):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('title = "A', 'titel = "A', "the layout: the key 'titel' is not known .known: byte_order"),
+        ('title = "A', 'titel = "A', "the layout: the key 'titel' is not known .known: barometer"),
         ('name = "lab-7"', "", "the layout: the key 'name' is missing"),
         ('name = "lab-7"', "name = 7", "the layout: name must be text"),
         ('name = "lab-7"', 'name = "../lab"', "name '../lab' cannot be used"),
@@ -261,7 +261,9 @@ def test_missing_file_is_named_with_what_there_is(tmp_path):
 
 def test_a_longest_packet_is_allowed():
     field = Field("samples", "u8", count=4095)
-    layout = PacketLayout("long", "", "little", b"\x01", (field,))
+    layout = PacketLayout(
+        name="long", title="", byte_order="little", header=b"\x01", fields=(field,)
+    )
     assert layout.length == 4096
     with pytest.raises(LayoutError, match="4097 bytes"):
         replace(layout, checksum=Checksum("sum8"))

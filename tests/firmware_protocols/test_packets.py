@@ -195,7 +195,7 @@ def test_a_scale_beyond_numbers_gives_infinities_without_a_warning():  # warning
         Field("gyro", "f64", count=3, counts_per_unit=1e-300, zero=-1e300),
         Field("mag", "f32", count=3),
     )
-    layout = PacketLayout("x", "", "little", b"\x7e", fields)
+    layout = PacketLayout(name="x", title="", byte_order="little", header=b"\x7e", fields=fields)
     rows = np.zeros(2, layout.dtype)
     rows["accel"] = [[1, -1, 0]]
     rows["gyro"] = 1e308

@@ -235,7 +235,9 @@ def test_a_barometer_tells_of_air_and_of_its_battery():
 
 
 def test_a_layout_without_a_rate_needs_one():
-    layout = PacketLayout("own", "", "little", b"\x01", IMU.fields)
+    layout = PacketLayout(
+        name="own", title="", byte_order="little", header=b"\x01", fields=IMU.fields
+    )
     with ServedDevices() as devices, pytest.raises(ValueError, match="rate"):
         devices.add("own", layout)
 
