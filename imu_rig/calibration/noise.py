@@ -95,7 +95,7 @@ def analyse_noise(
     DataError
         Data that are not numbers, never at rest for 10 s, at the range limit or constant.
     """
-    require_readings(block)
+    block = require_readings(block)
     block, unlikely = believable(block)
     sample_rate(block.t)  # refuses time that does not increase
     parts = _rest(block, progress)

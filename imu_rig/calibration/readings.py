@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imu_rig.arrays import BoolArray
@@ -16,17 +18,31 @@ ALIVE = 0.5
 """Share of samples that repeat the one before, below which a recording is not merely coarse."""
 
 
-def require_readings(block: ImuBlock) -> None:
-    """Refuse samples with which no figure can be worked out.
+def require_readings(block: ImuBlock) -> ImuBlock:
+    """Refuse samples with which no figure can be worked out, and return the others.
+
+    Returns
+    -------
+    ImuBlock
+        The block; a gyroscope that the device does not have, all of whose readings are NaN, reads
+        zero in it, which shows nothing.
 
     Raises
     ------
     DataError
-        No samples, values that are not numbers, or larger ones than any accelerometer or gyroscope
-        reads. A magnetometer is judged where it is calibrated: it is never in the others' way.
+        No samples, no accelerometer, values that are not numbers, or larger ones than any
+        accelerometer or gyroscope reads. A magnetometer is judged where it is calibrated: it is
+        never in the others' way.
     """
     if not len(block):
         raise DataError("the recording holds no samples, so record the sensor at rest first")
+    if np.all(np.isnan(block.accel)):
+        raise DataError(
+            "the recording holds no accelerometer, and gravity is what all else is measured by: "
+            "record its readings too"
+        )
+    if np.all(np.isnan(block.gyro)):
+        block = replace(block, gyro=np.zeros_like(block.gyro))
     if not (np.all(np.isfinite(block.accel)) and np.all(np.isfinite(block.gyro))):
         raise DataError(
             "the recording holds values that are not numbers: cut out their rows, or record anew"
@@ -41,6 +57,7 @@ def require_readings(block: ImuBlock) -> None:
                 f"the {title} reads up to {largest:.3g} {unit}, which no sensor does: its unit is "
                 "wrong, or rows are damaged and must be cut out"
             )
+    return block
 
 
 def refuse_dead_axes(block: ImuBlock) -> None:

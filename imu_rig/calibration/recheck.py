@@ -96,7 +96,7 @@ def recheck(
         Gravity of a place that the certificate's scale does not know, or a certificate that knows
         nothing.
     """
-    require_readings(block)
+    block = require_readings(block)
     block, odd = believable(block)
     local = _gravity(certificate, gravity)
     limits = limits or Limits()

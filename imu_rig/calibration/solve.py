@@ -100,7 +100,7 @@ def solve(
     if method == MAGNETOMETER:
         alone = magnetometer_alone(block, local, device or DeviceInfo(), field_ut)
         return replace(alone, warnings=(*notes, *alone.warnings))
-    require_readings(block)
+    block = require_readings(block)
     method = chosen_method(method, on_jig=commanded is not None)
     facts = known or Known()
     if windows is None and facts.spans:
