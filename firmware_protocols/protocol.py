@@ -43,7 +43,8 @@ class Packets:
         if len(parts) == 1:
             return parts[0]
         return Packets(
-            np.concatenate([part.rows for part in parts]),
+            # without the dtype numpy would turn big-endian fields to the machine's order
+            np.concatenate([part.rows for part in parts], dtype=parts[0].rows.dtype),
             np.concatenate([part.end for part in parts]),
         )
 
