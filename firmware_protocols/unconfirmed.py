@@ -15,3 +15,92 @@ MS5803_01BA_HOT_SENS = (-1, 3)
 One public driver; another takes (TEMP + 1500)**2, which makes a step at 45 degC that no sensor
 has. A 01BA warmed past 45 degC at one pressure shows no step if this is right.
 """
+
+
+ADIS16405_GYRO_FAULT_BITS = {"x": 12, "y": 11, "z": 10}
+"""Bits of DIAG_STAT for a gyroscope axis that fails its self-test: z, y, x as in Linux.
+
+The data sheet may have x, y, z. A unit with one axis known to be broken shows which.
+"""
+
+ADIS16405_DIAG_CLEARS_ON_READ = True
+"""Whether reading DIAG_STAT clears it, so that a second read shows only what lasts.
+
+Read it twice after one wrong SPI transfer.
+"""
+
+ADIS16405_OVER_RANGE = {"gyro": 1.0, "accel": 1.0, "mag": 1.4}
+"""From which multiple of full scale on an axis counts as over range.
+
+The numbers of 14 bits go on to 1.37 (gyroscope), 1.52 (accelerometer) and 1.64. Turn the sensor
+ever faster and note the rate at which EA comes.
+"""
+
+ADIS16405_OUTPUT_DELAY_SAMPLES = 1
+"""Samples between the last one that goes into an output and that output.
+
+With the mean over the sample interval and the averager it makes (2 N + 1) / 2 samples for N taps
+per stage, which one answer of the maker's support gives. A step of the rate beside an encoder
+tells.
+"""
+
+ADIS16405_ANALOG_DELAY_S = 0.5e-3
+"""Delay of the analog filters before the converter [s]; the same answer, and the same trial."""
+
+ADIS16405_GYRO_OFFSET_BITS = 13
+"""Bits of a gyroscope offset register: 13, where Linux takes 12. Write 0800 and see the sign."""
+
+ADIS16405_SOFT_IRON_ONE = 0x0800
+"""Soft-iron factor that means 1; one library takes 1FFF. Write 0400: the field halves if right."""
+
+ADIS16405_SELF_TEST_RESPONSE = {"gyro_dps": 70.0, "accel_g": 0.35}
+"""How far a self-test turns and pushes the sensors; any unit shows its own."""
+
+ADIS16405_RESET_S = 0.17
+"""How long a reset takes, by one source; time from the command to the first data-ready pulse."""
+
+ADIS16405_SELF_TEST_S = 0.012
+"""How long the internal self-test takes, by one source; time until its bit clears."""
+
+ADIS16405_FLASH_S = 0.05
+"""How long a flash update takes, from memory; data-ready pulses stop meanwhile."""
+
+ADIS16405_PRECISION_AUTONULL_S = 30.0
+"""How long the precise automatic zero averages, from memory; time until the offsets change."""
+
+ADIS16405_SLEEP_UNIT_S = 0.5
+"""Sleep per count of the low byte of SLP_CNT [s], from memory; write 02 and time the silence."""
+
+ADIS16405_ALARM_SOURCES = 12
+"""Alarm sources 1 to 12 are the words of a burst in order, from memory.
+
+Set alarm 1 to "supply above 0" and see whether bit 8 of DIAG_STAT comes.
+"""
+
+XSENS_UT_PER_UNIT = 49.0
+"""Nominal microtesla of one of the MTi's units of magnetic field, by one note of its maker.
+
+The unit is the field where the sensor was calibrated, so it differs from sensor to sensor. Turn
+the sensor about where the field is known: the mean length of its readings is the truth.
+"""
+
+XSENS_FRACTION_FIRST = True
+"""Whether a number in the format 16.32 sends its fraction before its whole part, from memory.
+
+At rest the accelerometer's z axis reads 9.8 if this is right.
+"""
+
+XSENS_LEGACY_AXES = 0x8
+"""Axes of the earth of legacy orientations: north, west, up, from memory; one driver says ENU.
+
+Lay the sensor level with its x axis to the north: the heading is 0 if this is right, 90 if ENU.
+"""
+
+XSENS_LEGACY_MATRIX_BY_COLUMNS = True
+"""Whether a legacy matrix is sent column by column, from memory; those of MTData2 go by rows.
+
+Turn the sensor a quarter turn to the left: the heading grows if this is right.
+"""
+
+XSENS_EULER_ORDER = "zyx"
+"""Roll about x first, then pitch about y, then yaw about z, from memory; compare with a matrix."""
