@@ -1,8 +1,8 @@
 """A whole jig session at once, without ports, threads or a world that steps through time.
 
 For studies over hundreds of sessions. The physics is that of the simulated rig: the same servos,
-joints, averaging and sensor. What is left out is what happens between sensor and file: the
-packets, the radio, the device's clock.
+joints, averaging and sensor, of any kind. What is left out is what happens between sensor and file:
+filters and packets of the firmware, the radio, the device's clock.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def quick_session(
     *,
     hold_s: float | Sequence[float] = 2.0,
     settle_s: float = 0.3,
-    rate_hz: float = 100.0,
+    rate_hz: float | None = None,
     speed_dps: float = 80.0,
     mounting: Sequence[int] = (),
     mountings_deg: tuple[Vector3, ...] = MOUNTINGS_DEG,
@@ -152,8 +152,9 @@ def quick_session(
         Time at every pose, settling included.
     settle_s : float
         What of a hold is not used.
-    rate_hz : float
-        Samples per second; 1000 Hz must be a multiple of it.
+    rate_hz : float, optional
+        Samples per second, of which 1000 Hz must be a multiple; by default the nearest such rate
+        to that of the kind of IMU.
     speed_dps : float
         Top speed of every axis.
     mounting : m integers
@@ -171,6 +172,7 @@ def quick_session(
         For a sample rate that is no part of 1000 Hz, or lists of different length.
     """
     poses = np.asarray(angles_deg, dtype=float)
+    rate_hz = rate_hz or nearest_rate(config.kind.output_hz)
     per_sample = round(1.0 / (STEP_S * rate_hz))
     if abs(per_sample * STEP_S * rate_hz - 1.0) > 1e-9:
         raise ValueError(f"1000 Hz is no multiple of a sample rate of {rate_hz:g} Hz.")
@@ -204,6 +206,11 @@ def quick_session(
         mountings_deg=mountings_deg,
         mounting_matrices=matrices,
     )
+
+
+def nearest_rate(hz: float) -> float:
+    """Return the nearest rate of which 1000 Hz is a multiple, by how long its samples are."""
+    return 1.0 / (STEP_S * max(1, round(1.0 / (STEP_S * hz))))
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ from imu_rig.session.plan import PlannedStep, plan_session
 from imu_rig.session.protocol import load_protocol
 from imu_rig.units import DEG, MILLI_G
 from simulators.config import RigConfig
+from simulators.imu_kinds import DEFAULT_KIND
 from simulators.jig import Jig
 from simulators.pose_errors import draw_pose_errors
 from simulators.quick_session import QuickSession, SessionFaults, quick_session
@@ -76,12 +77,18 @@ def planned_steps(protocol: str) -> tuple[PlannedStep, ...]:
     return tuple(step for step in plan.steps if step.kind != "check")
 
 
-def designed(seed: int, *, percent: float = DESIGNED_NONLINEARITY, full: bool = False) -> RigConfig:
-    """Draw a hobby jig and an MPU-9150 whose nonlinearity is within ``percent`` of full scale.
+def designed(
+    seed: int,
+    *,
+    percent: float = DESIGNED_NONLINEARITY,
+    full: bool = False,
+    imu: str = DEFAULT_KIND,
+) -> RigConfig:
+    """Draw a hobby jig and a sensor whose nonlinearity is within ``percent`` of 2 g.
 
     With ``full`` every term is at the limit, with a random sign.
     """
-    config = RigConfig.random(seed)
+    config = RigConfig.random(seed, imu=imu)
     rng = np.random.default_rng([seed, 77])
     share = rng.uniform(-1.0, 1.0, (2, 3))
     if full:
