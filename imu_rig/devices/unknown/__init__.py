@@ -1,0 +1,1 @@
+"""What can be told about packets of which no layout is known."""

@@ -1,0 +1,200 @@
+"""Everything that can be told of unknown bytes, put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, ByteArray, IntArray
+from imu_rig.devices.unknown.checksum import FoundChecksum, find_checksum
+from imu_rig.devices.unknown.counting import Going, find_clock, find_counter
+from imu_rig.devices.unknown.fields import Gravity, Part, divide, find_gravity, unread
+from imu_rig.devices.unknown.period import align, find_period
+
+CONSTANT = 0.95  # share of the packets in which a byte must be the same
+MOST_BEGINNINGS = 24  # that are tried
+LONGEST_HEADER = 3  # of what stays the same: more of it may be measurements that rest
+HEADER_WITH_CHECKSUM = 2
+PLAIN_BYTES = (0x00, 0xFF)
+"""High bytes of small numbers and rests: seldom what a header begins with."""
+
+USUAL_MARKS = (0xA5, 0x5A, 0x55, 0xAA, 0x7E, 0xFA, 0xFE, 0xFD, 0xEB, 0x90, 0xB5, 0x24)
+AGREED = 0.6
+MOST_PARTS = 200
+"""More than that are no measurements."""
+
+
+@dataclass(frozen=True)
+class UnknownPackets:
+    """Packets of one length, and what their bytes seem to mean.
+
+    Attributes
+    ----------
+    rows : shape (n, length), uint8
+        Packets from their likely beginning on.
+    share : float
+        Of the bytes, those in packets.
+    beginning_sure : bool
+        Whether a checksum or pauses on the line tell where a packet begins.
+    constant : shape (length,), bool
+    header : bytes
+    checksum : FoundChecksum or None
+    counter, clock : Going or None
+    parts : list of Part
+        The rest, in the order of the packet.
+    gravity : Gravity or None
+        Which of the parts look like an accelerometer.
+    rate_hz : float or None
+        Packets per second; None where it is not known how long was listened.
+    """
+
+    rows: ByteArray
+    share: float
+    beginning_sure: bool
+    constant: BoolArray
+    header: bytes
+    checksum: FoundChecksum | None
+    counter: Going | None
+    clock: Going | None
+    parts: list[Part]
+    gravity: Gravity | None
+    rate_hz: float | None
+
+    @property
+    def length(self) -> int:
+        """Bytes of a packet."""
+        return int(self.rows.shape[1])
+
+
+def analyse(
+    data: bytes, seconds: float | None = None, pauses: tuple[int, ...] = ()
+) -> UnknownPackets | None:
+    """Find packets of one length in bytes of which nothing is known.
+
+    Parameters
+    ----------
+    data : bytes
+        A few seconds of a stream, from any point on; losses and damage in it are tolerated.
+    seconds : float, optional
+        How long they took to come.
+    pauses : tuple of int
+        Places in ``data`` that came after a pause on the line: packets often begin there.
+
+    Returns
+    -------
+    UnknownPackets or None
+        None where no period is found, or where all packets are the same.
+    """
+    period = find_period(data)
+    aligned = None if period is None else align(data, period)
+    if period is None or aligned is None:
+        return None
+    constant = _constant(aligned.rows)
+    if constant.all():
+        return None
+    candidates = _beginnings(constant)
+    checksum: FoundChecksum | None = None
+    beginning, sure = 0, False
+    for candidate in candidates:
+        checksum = find_checksum(aligned.turned(candidate).rows)
+        if checksum is not None:
+            beginning, sure = candidate, True
+            break
+    else:
+        hinted = _hinted(aligned.starts, period, pauses)
+        sure = hinted is not None and bool(constant[hinted])
+        beginning = hinted if sure and hinted is not None else _likeliest(aligned.rows, constant)
+    aligned = aligned.turned(beginning)
+    rows = aligned.rows
+    constant = np.roll(constant, -beginning)
+    header = _header(rows, constant, checksum is not None)
+    end = period - (checksum.size if checksum is not None else 0)
+    free = set(range(len(header), end))
+    counter = find_counter(aligned, free)
+    free -= set(counter.places) if counter else set()
+    share = _share(aligned.starts, period)
+    rate_hz = None if not seconds else share * len(data) / period / seconds
+    clock = find_clock(aligned, free, rate_hz)
+    free -= set(clock.places) if clock else set()
+    parts = divide(aligned, free)
+    if len(parts) > MOST_PARTS:
+        parts = unread(free)
+    return UnknownPackets(
+        rows,
+        share,
+        sure,
+        constant,
+        header,
+        checksum,
+        counter,
+        clock,
+        parts,
+        find_gravity(aligned, parts),
+        rate_hz,
+    )
+
+
+def _constant(rows: ByteArray) -> BoolArray:
+    usual = np.array([np.bincount(column).argmax() for column in rows.T])
+    return np.asarray((rows == usual).mean(axis=0) >= CONSTANT)
+
+
+def _share(starts: IntArray, period: int) -> float:
+    """Return how much of the stretch from first to last packet is packets."""
+    gaps = np.diff(starts)
+    lost = float(np.sum(gaps[gaps != period] - period))  # a row beside a gap may not be seen
+    between = np.count_nonzero(gaps != period) * period
+    whole = float(starts[-1] - starts[0] + period)
+    return min(1.0, 1.0 - max(0.0, lost - between) / whole)
+
+
+def _beginnings(constant: BoolArray) -> list[int]:
+    """Return where constant bytes follow a changing one: a checksum may end there."""
+    first = np.flatnonzero(constant & ~np.roll(constant, 1))
+    return [int(place) for place in first[:MOST_BEGINNINGS]]
+
+
+def _hinted(starts: IntArray, period: int, pauses: tuple[int, ...]) -> int | None:
+    """Return at which place of the rows most pauses were; None if they do not agree."""
+    places = []
+    for pause in pauses:
+        before = int(np.searchsorted(starts, pause, side="right")) - 1
+        if before >= 0 and pause - int(starts[before]) < period:
+            places.append(pause - int(starts[before]))
+    if len(places) < LONGEST_HEADER:
+        return None
+    counts = np.bincount(places)
+    usual = int(counts.argmax())
+    return usual if counts[usual] >= AGREED * len(places) else None
+
+
+def _likeliest(rows: ByteArray, constant: BoolArray) -> int:
+    """Return where the constant bytes begin that look most like a header."""
+    period = len(constant)
+    best, merit = 0, -1.0
+    for at in _beginnings(constant):
+        run: list[int] = []
+        while len(run) < period and constant[(at + len(run)) % period]:
+            run.append(int(rows[0, (at + len(run)) % period]))
+        plain = 0
+        while plain < len(run) and run[plain] in PLAIN_BYTES:
+            plain += 1
+        marks = run[plain : plain + LONGEST_HEADER]
+        own = sum(byte not in PLAIN_BYTES for byte in marks)
+        worth = own + 0.5 * sum(byte in USUAL_MARKS for byte in marks)
+        if worth > merit:
+            best, merit = ((at + plain) % period if own else at), worth
+    return best
+
+
+def _header(rows: ByteArray, constant: BoolArray, checked: bool) -> bytes:
+    """Return the first bytes that stay the same, but no zeros that may be a number at rest."""
+    longest = HEADER_WITH_CHECKSUM if checked else LONGEST_HEADER
+    usual = bytes(int(np.bincount(column).argmax()) for column in rows[:, : 2 * longest].T)
+    taken = 1
+    while taken < longest and taken < len(usual) and constant[taken]:
+        if usual[taken] == 0 and taken > 1:
+            break
+        taken += 1
+    return usual[:taken]

@@ -1,0 +1,254 @@
+"""Packets of which no layout is known: what is found in them is what they were made of."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from firmware_protocols.checksums import SIZES
+from firmware_protocols.layout import Checksum, Field, PacketLayout
+from firmware_protocols.packets import encode
+from imu_rig.devices.unknown.analysis import analyse
+from imu_rig.devices.unknown.counting import tick_s
+from imu_rig.devices.unknown.draft import draft_layout
+from imu_rig.devices.unknown.period import find_period
+from imu_rig.devices.unknown.variable import find_frames_of_variable_length
+
+PACKETS = 300
+RATE_HZ = 100.0
+GRAVITY_COUNTS = 4096
+
+
+def signal(rng, size, *, amplitude=3000.0, noise=12.0):
+    """A sensor that is moved by hand: slow, with noise on top."""
+    t = np.arange(PACKETS) / RATE_HZ
+    phase = rng.uniform(0, 2 * np.pi, size)
+    center = rng.uniform(-amplitude, amplitude, size)
+    slow = np.sin(2 * np.pi * rng.uniform(0.2, 0.8) * t[:, None] + phase)
+    return center + amplitude * slow + rng.normal(0, noise, (PACKETS, size))
+
+
+def gravity(rng, noise=8.0):
+    t = np.arange(PACKETS) / RATE_HZ
+    tilt, turn = 0.5 + 0.8 * np.sin(1.9 * t), 0.7 * t
+    axes = np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)
+    return GRAVITY_COUNTS * np.stack(axes, axis=1) + rng.normal(0, noise, (PACKETS, 3))
+
+
+@st.composite
+def layouts(draw):
+    byte_order = draw(st.sampled_from(["little", "big"]))
+    mark = st.integers(1, 254)
+    header = bytes(draw(st.lists(mark, min_size=2, max_size=3, unique=True)))
+    fields, counter, clock = [], None, None
+    if draw(st.booleans()):
+        counter = "seq"
+        fields.append(Field("seq", draw(st.sampled_from(["u8", "u16"]))))
+    if draw(st.booleans()):
+        fields.append(Field("status", "u8"))
+    if draw(st.booleans()):
+        clock = "time"
+        fields.append(Field("time", "u32"))
+    for number in range(draw(st.integers(1, 3))):
+        fields.append(Field(f"axes{number}", draw(st.sampled_from(["i16", "i16", "f32"])), count=3))
+    kind = draw(st.sampled_from([None, *SIZES]))
+    check = None
+    if kind is not None:
+        start = draw(st.sampled_from([0, len(header)]))
+        check = Checksum(kind, start, draw(st.sampled_from([None, "little", "big"])))
+    return PacketLayout(
+        name="made",
+        title="",
+        byte_order=byte_order,
+        header=header,
+        fields=tuple(fields),
+        checksum=check,
+        counter=counter,
+        clock=clock,
+    )
+
+
+def made(layout, seed):
+    rng = np.random.default_rng(seed)
+    columns = {}
+    for field in layout.fields:
+        if field.name == "seq":
+            columns["seq"] = (rng.integers(1 << 15) + np.arange(PACKETS)) % (1 << field.bits)
+        elif field.name == "status":
+            columns["status"] = np.full(PACKETS, 0)
+        elif field.name == "time":
+            jitter = rng.integers(-40, 41, PACKETS)
+            columns["time"] = rng.integers(1 << 24) + 10_000 * np.arange(PACKETS) + jitter
+        elif field.type == "f32":
+            columns[field.name] = signal(rng, 3) / 1000.0
+        else:
+            columns[field.name] = np.rint(signal(rng, 3)).astype(int)
+    return encode(layout, columns)
+
+
+def offsets(layout):
+    at, places = len(layout.header), {}
+    for field in layout.fields:
+        places[field.name] = at
+        at += field.size
+    return places
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@given(layout=layouts(), seed=st.integers(0, 1000), cut=st.integers(0, 200))
+def test_what_was_put_into_packets_is_found(layout, seed, cut):
+    data = made(layout, seed)
+    heard = data[cut : len(data) // 2] + data[len(data) // 2 + 5 :]  # five bytes were lost
+    found = analyse(heard, len(heard) / layout.length / RATE_HZ)
+    assert found is not None
+    assert found.length == layout.length
+    places = offsets(layout)
+    if layout.checksum is not None:
+        assert found.beginning_sure
+        assert found.checksum is not None
+        assert found.checksum.kind == layout.checksum.kind
+        assert layout.header.startswith(found.header)
+        if layout.checksum.size > 1:
+            assert found.checksum.byte_order == layout.checksum_order
+    if found.header[:1] == layout.header[:1]:
+        if layout.counter is not None:
+            low = layout.field("seq").bits // 8 - 1 if layout.byte_order == "big" else 0
+            assert found.counter is not None
+            assert places["seq"] + low in found.counter.places
+        if layout.clock is not None:
+            assert found.clock is not None
+            assert set(found.clock.places) <= set(range(places["time"], places["time"] + 4))
+            assert found.clock.byte_order == layout.byte_order
+    assert abs(found.rate_hz / RATE_HZ - 1) < 0.03
+    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout(found, "drafted")))
+    decoder = drafted.decoder()
+    packets = decoder.feed(heard).get("", ())
+    assert len(packets) >= 0.95 * PACKETS - 12
+
+
+def still_packets(kind="i16", *, scale=GRAVITY_COUNTS, seed=5):
+    """Accelerometer between other numbers, as a module that is turned slowly sends them."""
+    layout = PacketLayout(
+        name="three",
+        title="",
+        byte_order="big",
+        header=b"\xeb\x90",
+        fields=(
+            Field("seq", "u8"),
+            Field("gyro", kind, count=3),
+            Field("accel", kind, count=3),
+        ),
+        checksum=Checksum("sum8"),
+        counter="seq",
+    )
+    rng = np.random.default_rng(seed)
+    accel = gravity(rng) * (scale / GRAVITY_COUNTS)
+    columns = {"seq": np.arange(PACKETS) % 256, "gyro": signal(rng, 3), "accel": accel}
+    if kind != "f32":
+        columns = {name: np.rint(value).astype(int) for name, value in columns.items()}
+    return layout, encode(layout, columns)
+
+
+@pytest.mark.parametrize("scale", [2048, 4096, 16384])
+def test_gravity_is_told_by_its_constant_magnitude(scale):
+    layout, data = still_packets(scale=scale)
+    found = analyse(data, 3.0)
+    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout(found, "drafted")))
+    accel = drafted.field("accel")
+    assert (accel.count, accel.unit, accel.counts_per_unit) == (3, "g", scale)
+    rows = drafted.decoder().feed(data)[""].rows
+    sent = layout.decoder().feed(data)[""].rows
+    np.testing.assert_array_equal(rows["accel"], sent["accel"])
+    np.testing.assert_array_equal(rows["raw1"], sent["gyro"])
+
+
+def test_gravity_in_metres_per_second_squared():
+    _, data = still_packets("f32", scale=9.81)
+    drafted = tomllib.loads(draft_layout(analyse(data, 3.0), "drafted"))
+    accel = next(field for field in drafted["fields"] if field["name"] == "accel")
+    assert accel == {"name": "accel", "type": "f32", "count": 3, "unit": "m/s2"}
+
+
+@pytest.mark.parametrize(
+    ("step", "rate_hz", "tick"),
+    [(10_000, 100.0, 1e-6), (10, 100.4, 1e-3), (120.0, 273.07, 1 / 32_768), (1152, 100.0, None)],
+)
+def test_the_tick_of_a_clock_follows_from_the_rate(step, rate_hz, tick):
+    found, usual = tick_s(step, rate_hz)
+    assert usual == (tick is not None)
+    assert found == (tick or pytest.approx(1 / (step * rate_hz), rel=1e-3))
+
+
+def test_pauses_tell_where_packets_begin_that_have_no_checksum():
+    layout = PacketLayout(
+        name="plain",
+        title="",
+        byte_order="little",
+        header=b"\x01\x02",
+        fields=(Field("axes", "i16", count=3), Field("same", "pad", count=2)),
+    )
+    rng = np.random.default_rng(2)
+    data = encode(layout, {"axes": np.rint(signal(rng, 3)).astype(int), "same": [0xA5, 0x5A]})
+    assert analyse(data, 3.0).header.startswith(b"\xa5")  # looks more like a header
+    length = layout.length
+    pauses = tuple(range(5 * length, 200 * length, 7 * length))
+    found = analyse(data, 3.0, pauses)
+    assert found.header == b"\x01\x02"
+    assert found.beginning_sure
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_has_no_period(seed):
+    noise = np.random.default_rng(seed).bytes(8_000)
+    assert find_period(noise) is None
+    assert analyse(noise, 1.0) is None
+    assert find_frames_of_variable_length(noise) is None
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\xa5",
+        bytes(5000),
+        b"\xff\x00" * 3000,
+        bytes(range(256)) * 20,
+        b"\xa5\x5a\x01\x02" * 400,
+        b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9\r\n" * 90,
+    ],
+)
+def test_streams_that_hold_no_numbers_are_no_packets(data):
+    assert analyse(data, 1.0) is None
+    assert find_frames_of_variable_length(data) is None
+
+
+@settings(max_examples=40)
+@given(
+    st.one_of(st.binary(max_size=3000), st.binary(min_size=2, max_size=40).map(lambda b: b * 90))
+)
+def test_no_bytes_break_the_analysis(data):
+    found = analyse(data, 1.0)
+    if found is not None:
+        PacketLayout.from_dict(tomllib.loads(draft_layout(found, "any")))
+    find_frames_of_variable_length(data)
+
+
+def test_frames_of_variable_length_are_found_by_their_length_byte():
+    rng = np.random.default_rng(1)
+    frames = []
+    for number in range(300):
+        body = bytes([(12, 33, 60)[number % 3] if number % 7 else 5, number % 256])
+        body += rng.bytes(body[0])
+        frames.append(b"\xb5\x62" + body + bytes([sum(body) % 256]))
+    del frames[100]
+    frames[200] = frames[200][:9]
+    found = find_frames_of_variable_length(b"".join(frames)[11:])
+    assert (found.header, found.length_at, found.overhead) == (b"\xb5\x62", 2, 5)
+    assert set(found.lengths) >= {17, 38, 65, 10}
+
+
+def test_packets_of_one_length_are_no_frames_of_variable_length():
+    _, data = still_packets()
+    assert find_frames_of_variable_length(data) is None
