@@ -1,0 +1,384 @@
+"""What an Xsens MTi speaks: one stream of rows out of MTData2 or legacy MTData messages.
+
+MTData2 messages say what they hold, so a row is filled with what is there: what a message lacks is
+NaN, what the description does not ask for is skipped. Legacy messages hold what the unit was told
+to send, so all of another size are of another configuration and are left out.
+
+A description is a TOML file with ``kind = "xsens-mti"`` and ``format = "mtdata2"`` with ``outputs``
+(identifiers as hexadecimal texts), or ``format = "legacy"`` with ``output_mode`` and
+``output_settings``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_protocols.counting import SequenceCounter
+from firmware_protocols.fields import LayoutError, quote
+from firmware_protocols.layout import toml_lines
+from firmware_protocols.packets import counts
+from firmware_protocols.protocol import DecodeStats, DeviceProtocol, Packets
+from firmware_protocols.rows import RowLayout, check_names
+from firmware_protocols.variable_framing import FramedBytes, FrameDecoder
+from firmware_protocols.xsens_data import (
+    ITEMS,
+    PACKET_COUNTER,
+    SAMPLE_TIME_FINE,
+    STATUS_WORD,
+    FloatArray,
+    Part,
+    fields_of,
+    find_items,
+    item_of,
+    legacy_parts,
+    read_item,
+    read_part,
+    size_of,
+)
+from firmware_protocols.xsens_frames import EXTENDED, XSENS_FORMAT, Message, Mid
+
+KIND = "xsens-mti"
+MTDATA2, LEGACY = "mtdata2", "legacy"
+MAX_OUTPUTS = 32
+MAX_RATE_HZ = 2000.0
+
+TICK_S = 1e-4
+"""One count of the sample time: packets recorded from an MTi-300 are 25 apart at 400 Hz."""
+
+MANY_SHAPES = 8
+"""From so many arrangements of items of one length on, messages are sorted one by one."""
+
+Bytes = npt.NDArray[np.uint8]
+Indices = npt.NDArray[np.int64]
+Shape = tuple[tuple[int, int, int], ...]
+
+_IDENTIFIER = re.compile(r"(?:0x)?[0-9A-Fa-f]{4}")
+
+
+@dataclass(frozen=True)
+class XsensProtocol(DeviceProtocol):
+    """What an MTi is told to send, and sends then.
+
+    Attributes
+    ----------
+    name, title : str
+    format : str
+        "mtdata2" or "legacy".
+    rate_hz : float
+        Samples per second.
+    outputs : tuple of int
+        Identifiers of the items of MTData2, with the format of their numbers, in order.
+    output_mode, output_settings : int
+        Of the legacy format.
+    """
+
+    name: str
+    title: str = ""
+    format: str = MTDATA2
+    rate_hz: float = 100.0
+    outputs: tuple[int, ...] = ()
+    output_mode: int = 0
+    output_settings: int = 0
+
+    def __post_init__(self) -> None:
+        check_names(self.name, self.title)
+        if not (math.isfinite(self.rate_hz) and 1.0 <= self.rate_hz <= MAX_RATE_HZ):
+            raise LayoutError(f"rate_hz must be 1 to {MAX_RATE_HZ:g}.")
+        if self.format == MTDATA2:
+            self._check_outputs()
+        elif self.format == LEGACY:
+            legacy_parts(self.output_mode, self.output_settings)
+        else:
+            raise LayoutError(f'format {quote(self.format)} must be "{MTDATA2}" or "{LEGACY}".')
+
+    def _check_outputs(self) -> None:
+        if not 1 <= len(self.outputs) <= MAX_OUTPUTS:
+            raise LayoutError(f"outputs must list 1 to {MAX_OUTPUTS} identifiers.")
+        if self.rate_hz != int(self.rate_hz):
+            raise LayoutError("rate_hz must be a whole number for MTData2.")
+        seen: dict[str, int] = {}
+        for identifier in self.outputs:
+            item = item_of(identifier)
+            if item is None:
+                raise LayoutError(
+                    f"outputs: {identifier:04X} is not known; take of "
+                    f"{', '.join(f'{known:04X}' for known in ITEMS)}, with the format of the "
+                    "numbers in the last digit."
+                )
+            if item.field in seen:
+                raise LayoutError(
+                    f"outputs: {seen[item.field]:04X} and {identifier:04X} say the same; take one."
+                )
+            seen[item.field] = identifier
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """What a legacy message holds; nothing for MTData2."""
+        if self.format == MTDATA2:
+            return ()
+        return legacy_parts(self.output_mode, self.output_settings)
+
+    @cached_property
+    def data_bytes(self) -> int:
+        """Bytes of data of a message that holds everything."""
+        if self.format == MTDATA2:
+            return sum(3 + size_of(identifier) for identifier in self.outputs)
+        return self.parts[-1].offset + self.parts[-1].size
+
+    @cached_property
+    def layout(self) -> RowLayout:
+        """The fields of a row."""
+        if self.format == MTDATA2:
+            names = [ITEMS[identifier & 0xFFF0].field for identifier in self.outputs]
+        else:
+            names = [part.field for part in self.parts]
+        if "status" in names:
+            names.append("alarms")
+        return RowLayout(
+            name=self.name,
+            title=self.title,
+            byte_order="little",
+            fields=fields_of(names, status_word=STATUS_WORD in self.outputs),
+            counter="counter" if "counter" in names else None,
+            clock="time" if "time" in names else None,
+            clock_tick_s=TICK_S,
+            rate_hz=self.rate_hz,
+        )
+
+    @cached_property
+    def streams(self) -> Mapping[str, RowLayout]:
+        """One stream, without a name."""
+        return {"": self.layout}
+
+    @property
+    def longest(self) -> int:
+        """Bytes of a frame that holds everything."""
+        return self.data_bytes + (5 if self.data_bytes < EXTENDED else 7)
+
+    @property
+    def proves_packets(self) -> bool:
+        """Every frame has a checksum."""
+        return True
+
+    @property
+    def bytes_per_s(self) -> float:
+        """What it sends where every message holds everything."""
+        return self.longest * self.rate_hz
+
+    def decoder(self) -> XsensDecoder:
+        """Return a new decoder of what a port delivers."""
+        return XsensDecoder(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the protocol as plain data; see :func:`from_dict`."""
+        values: dict[str, Any] = {
+            "kind": KIND,
+            "name": self.name,
+            "title": self.title,
+            "format": self.format,
+            "rate_hz": self.rate_hz,
+        }
+        if self.format == MTDATA2:
+            values["outputs"] = [f"{identifier:04X}" for identifier in self.outputs]
+        else:
+            values["output_mode"] = self.output_mode
+            values["output_settings"] = self.output_settings
+        return values
+
+    def to_toml(self) -> str:
+        """Return the protocol as the text of a file that can be read back."""
+        return "\n".join(toml_lines(self.to_dict())) + "\n"
+
+
+_KEYS: dict[str, tuple[type | tuple[type, ...], str]] = {
+    "kind": (str, "text"),
+    "name": (str, "text"),
+    "title": (str, "text"),
+    "format": (str, "text"),
+    "rate_hz": ((int, float), "a number"),
+    "outputs": (list, "a list of identifiers"),
+    "output_mode": (int, "a whole number"),
+    "output_settings": (int, "a whole number"),
+}
+
+
+def from_dict(data: Mapping[str, Any]) -> XsensProtocol:
+    """Build the protocol from plain data, checking every key and type.
+
+    Raises
+    ------
+    LayoutError
+        For anything that is not a usable description.
+    """
+    for key, value in data.items():
+        if key not in _KEYS:
+            raise LayoutError(f"the key {quote(key)} is not known (known: {', '.join(_KEYS)}).")
+        kind, words = _KEYS[key]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise LayoutError(f"{key} must be {words}.")
+    if "name" not in data:
+        raise LayoutError("the key 'name' is missing.")
+    values = {key: value for key, value in data.items() if key != "kind"}
+    if "outputs" in values:
+        values["outputs"] = tuple(_identifier(entry) for entry in values["outputs"][:256])
+    if "rate_hz" in values:
+        values["rate_hz"] = float(min(values["rate_hz"], 1e9))
+    unfit = {"outputs"} if values.get("format") == LEGACY else {"output_mode", "output_settings"}
+    for key in unfit & values.keys():
+        raise LayoutError(f"{key} does not go with the format {values.get('format', MTDATA2)}.")
+    return XsensProtocol(**values)
+
+
+def _identifier(entry: Any) -> int:
+    if not isinstance(entry, str) or not _IDENTIFIER.fullmatch(entry):
+        raise LayoutError(f'outputs: {quote(entry)} is no identifier; write one as "4020".')
+    return int(entry, 16)
+
+
+class XsensDecoder(FrameDecoder):
+    """Decoder of an MTi's bytes.
+
+    Parameters
+    ----------
+    protocol : XsensProtocol
+    """
+
+    def __init__(self, protocol: XsensProtocol) -> None:
+        super().__init__(XSENS_FORMAT)
+        self._protocol = protocol
+        self._layout = protocol.layout
+        self._blank = _blank(self._layout)
+        self._rows = 0
+        self._malformed = 0
+        self._sequence = SequenceCounter(1 << 16)
+
+    @property
+    def stats(self) -> DecodeStats:
+        """Statistics of everything decided so far.
+
+        ``good`` counts rows. Answers and messages of another configuration are none, and are not
+        skipped bytes either: their frames are sound.
+        """
+        framed = super().stats
+        order = self._sequence
+        return DecodeStats(
+            good=self._rows,
+            corrupt=framed.corrupt + self._malformed,
+            skipped_bytes=framed.skipped_bytes,
+            lost=order.lost,
+            duplicates=order.duplicates,
+            reordered=order.reordered,
+        )
+
+    def _read(self, frames: FramedBytes) -> dict[str, Packets]:
+        rows = np.full(len(frames), self._blank)
+        is_row = np.zeros(len(frames), dtype=bool)
+        wanted = Mid.MT_DATA2 if self._protocol.format == MTDATA2 else Mid.MT_DATA
+        for index, frame in frames.by_length():
+            for is_long in (False, True):
+                chosen = (frame[:, 2] == wanted) & ((frame[:, 3] == EXTENDED) == is_long)
+                if bool(chosen.any()):
+                    data = frame[chosen, 6 if is_long else 4 : -1]
+                    if wanted == Mid.MT_DATA2:
+                        self._read_items(data, index[chosen], rows, is_row)
+                    else:
+                        self._read_parts(data, index[chosen], rows, is_row)
+        found = rows[is_row]
+        self._rows += len(found)
+        if self._layout.counter is not None and len(found):
+            numbers = counts(self._layout, found, self._layout.counter)
+            self._sequence.add(numbers, found.view(np.uint8).reshape(len(found), -1))
+        return {"": Packets(found, frames.end[is_row])}
+
+    def _read_parts(
+        self, data: Bytes, index: Indices, rows: npt.NDArray[np.void], is_row: npt.NDArray[np.bool_]
+    ) -> None:
+        """Read legacy messages of one length into their rows, if it is that of the protocol."""
+        protocol = self._protocol
+        if data.shape[1] != protocol.data_bytes:
+            return
+        for part in protocol.parts:
+            raw = data[:, part.offset : part.offset + part.size]
+            _fill(rows, part.field, index, read_part(part, raw, protocol.output_settings))
+        is_row[index] = True
+
+    def _read_items(
+        self, data: Bytes, index: Indices, rows: npt.NDArray[np.void], is_row: npt.NDArray[np.bool_]
+    ) -> None:
+        """Read MTData2 messages of one length into their rows."""
+        for shape, which in _shapes(data):
+            if shape is None:
+                self._malformed += len(which)
+                continue
+            seen = {identifier & 0xFFF0 for identifier, _, _ in shape}
+            if self._layout.counter is not None and PACKET_COUNTER not in seen:
+                continue  # nothing tells where it belongs
+            if self._layout.clock is not None and SAMPLE_TIME_FINE not in seen:
+                continue
+            for identifier, at, size in shape:
+                item = item_of(identifier)
+                if item is None or size != size_of(identifier) or not self._layout.has(item.field):
+                    continue
+                said = read_item(identifier, data[which, at : at + size])
+                _fill(rows, item.field, index[which], said)
+            is_row[index[which]] = True
+
+
+def _blank(layout: RowLayout) -> npt.NDArray[np.void]:
+    """Return a row in which every measurement is absent, shape ()."""
+    row = np.zeros((), dtype=layout.dtype)
+    for field in layout.fields:
+        if not field.is_integer:
+            row[field.name] = np.nan
+    return row
+
+
+def _fill(rows: npt.NDArray[np.void], field: str, index: Indices, said: FloatArray) -> None:
+    rows[field][index] = said
+    if field == "status":
+        rows["alarms"][index] = ~rows[field][index] & 1
+
+
+def _shapes(data: Bytes) -> list[tuple[Shape | None, Indices]]:
+    """Return the arrangements of items in messages of one length, and which have each.
+
+    None stands for messages whose items do not end where they end.
+    """
+    found: list[tuple[Shape | None, Indices]] = []
+    left = np.arange(len(data), dtype=np.int64)
+    while len(left) and len(found) < MANY_SHAPES:
+        shape = find_items(data[left[0]].tobytes())
+        if shape is None:
+            same = np.zeros(len(left), dtype=bool)
+            same[0] = True
+        else:
+            heads = np.array([at - back for _, at, _ in shape for back in (3, 2, 1)], dtype=int)
+            same = (data[left[:, np.newaxis], heads] == data[left[0], heads]).all(axis=1)
+        found.append((None if shape is None else tuple(shape), left[same]))
+        left = left[~same]
+    others: dict[Shape | None, list[int]] = {}
+    for place in left.tolist():
+        shape = find_items(data[place].tobytes())
+        others.setdefault(None if shape is None else tuple(shape), []).append(place)
+    found += [(shape, np.array(places, dtype=np.int64)) for shape, places in others.items()]
+    return found
+
+
+def describe(messages: list[Message]) -> str:
+    """Say in a few words what measurements messages hold; nothing where they hold none."""
+    last = next((m for m in reversed(messages) if m.mid in (Mid.MT_DATA, Mid.MT_DATA2)), None)
+    if last is None:
+        return ""
+    if last.mid == Mid.MT_DATA:
+        return f"legacy MTData with {len(last.data)} bytes"
+    items = find_items(last.data) or []
+    shown = " ".join(f"{identifier:04X}" for identifier, _, _ in items[:16])
+    return f"MTData2 with {shown}" if shown else "MTData2 without any data"
