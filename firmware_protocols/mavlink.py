@@ -1,0 +1,377 @@
+"""A flight controller as an inertial sensor: its IMU and pressure messages over MAVLink.
+
+Streams
+-------
+"imu"
+    One of HIGHRES_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3 and RAW_IMU.
+"pressure"
+    SCALED_PRESSURE of the same sender.
+
+Axes: MAVLink's are those of the vehicle: x forward, y right, z **down**; at rest on a level table
+zacc is -9.81 m/s2. Here x is forward, y left and z up, so that the accelerometer reads +9.81 on z:
+(x, -y, -z), alike for accelerometer, gyroscope and magnetometer. It is a turn of half a circle
+about x, so right hands stay right hands.
+
+Time is ``time_usec`` (of its eight bytes the lower four, which come round after 71 minutes) or
+``time_boot_ms``. The sequence number of a frame counts all messages of its sender, whatever they
+say, so it is no counter of a stream.
+
+HIGHRES_IMU is a measurement in floating point. The others are whole numbers of 1 mg, 1 mrad/s and
+1 mgauss that stop at +-32.767 of the full unit; that is poor for a calibration. RAW_IMU is in the
+same units by the definition of its fields and as ArduPilot sends it; its text speaks of raw counts,
+and other firmware may mean those: compare 1 g before you trust it.
+
+What a sensor that is not there leaves zero becomes NaN: a magnetic field of exactly (0, 0, 0), a
+pressure of 0, and a temperature of 0 where 0 means that there is none.
+
+A port may carry messages of several systems, components or sensors: the first that is heard counts,
+or the one that the description asks for.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_protocols.fields import Field, LayoutError, quote
+from firmware_protocols.layout import toml_lines
+from firmware_protocols.mavlink_frames import (
+    MAVLINK_FORMAT,
+    Contents,
+    MavlinkFrameDecoder,
+    no_contents,
+    read_contents,
+)
+from firmware_protocols.mavlink_messages import MESSAGES, SCALED_PRESSURE, Message
+from firmware_protocols.protocol import DeviceProtocol, Packets
+from firmware_protocols.rows import RowLayout, check_names
+from firmware_protocols.variable_framing import Flags, FramedBytes
+
+KIND = "mavlink"
+IMU_MESSAGES = ("HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU")
+DEFAULT_RATE_HZ = 100.0
+MAX_RATE_HZ = 8000.0
+PRESSURE_HZ = 10.0
+
+BODY_AXES = ("+x", "-y", "-z")
+"""Forward, left, up out of forward, right, down."""
+
+UPDATED = (
+    ("accel_updated", 0),
+    ("gyro_updated", 3),
+    ("mag_updated", 6),
+    ("pressure_updated", 9),
+    ("temperature_updated", 12),
+)
+"""Bits of HIGHRES_IMU.fields_updated: 0-2 accelerometer, 3-5 gyroscope, 6-8 magnetometer,
+9 pressure, 12 temperature. What is not updated repeats the measurement before."""
+
+_OVERHEAD = 12  # bytes of a frame of MAVLink 2 without its payload
+_HEARTBEAT_BYTES = 21
+
+Rows = npt.NDArray[np.void]
+
+
+class Sender(NamedTuple):
+    """Who sends a message: system, component, and which of its sensors where the message says."""
+
+    system: int
+    component: int
+    sensor: int = 0
+
+    def __str__(self) -> str:
+        """Return it as people read it."""
+        return f"system {self.system} component {self.component} sensor {self.sensor}"
+
+
+@dataclass(frozen=True)
+class MavlinkProtocol(DeviceProtocol):
+    """What a flight controller sends.
+
+    Attributes
+    ----------
+    name, title : str
+    message : str
+        The inertial message, one of :data:`IMU_MESSAGES`.
+    system, component, sensor : int or None
+        Of whom; None takes the first that is heard.
+    rate_hz : float
+        What to ask the flight controller for, messages per second.
+    """
+
+    name: str
+    title: str = ""
+    message: str = "HIGHRES_IMU"
+    system: int | None = None
+    component: int | None = None
+    sensor: int | None = None
+    rate_hz: float = DEFAULT_RATE_HZ
+
+    def __post_init__(self) -> None:
+        check_names(self.name, self.title)
+        if self.message not in IMU_MESSAGES:
+            raise LayoutError(
+                f"message {quote(self.message)} is not known, take one of "
+                f"{', '.join(IMU_MESSAGES)}."
+            )
+        for key in ("system", "component", "sensor"):
+            number = getattr(self, key)
+            if number is not None and not 0 <= number <= 255:
+                raise LayoutError(f"{key} must be 0 to 255.")
+        if not 0 < self.rate_hz <= MAX_RATE_HZ:
+            raise LayoutError(f"rate_hz must be above 0 and up to {MAX_RATE_HZ:g}.")
+
+    @property
+    def imu(self) -> Message:
+        """The inertial message."""
+        return MESSAGES[self.message]
+
+    @cached_property
+    def streams(self) -> Mapping[str, RowLayout]:
+        """The inertial message, and the pressure."""
+        return {"imu": self._imu_rows(), "pressure": self._pressure_rows()}
+
+    @property
+    def longest(self) -> int:
+        """Bytes of the longest frame."""
+        return MAVLINK_FORMAT.longest
+
+    @property
+    def proves_packets(self) -> bool:
+        """Every frame has a checksum."""
+        return True
+
+    @property
+    def bytes_per_s(self) -> float:
+        """What it sends at the rates asked for, without anything else that it may send."""
+        return (
+            (_OVERHEAD + self.imu.dtype.itemsize) * self.rate_hz
+            + (_OVERHEAD + SCALED_PRESSURE.dtype.itemsize) * PRESSURE_HZ
+            + _HEARTBEAT_BYTES
+        )
+
+    def decoder(self) -> MavlinkDecoder:
+        """Return a new decoder."""
+        return MavlinkDecoder(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the protocol as plain data, in the form of the TOML files."""
+        asked = {key: getattr(self, key) for key in ("system", "component", "sensor")}
+        return {
+            "name": self.name,
+            "title": self.title,
+            "kind": KIND,
+            "message": self.message,
+            "rate_hz": self.rate_hz,
+            **{key: number for key, number in asked.items() if number is not None},
+        }
+
+    def to_toml(self) -> str:
+        """Return the protocol as the text of a file that is read back."""
+        return "\n".join(toml_lines(self.to_dict())) + "\n"
+
+    def _imu_rows(self) -> RowLayout:
+        name, title = self.name, f"{self.message} over MAVLink"
+        if self.message == "HIGHRES_IMU":
+            return RowLayout(
+                name=name,
+                title=title,
+                byte_order="little",
+                clock="time",
+                rate_hz=self.rate_hz,
+                fields=(
+                    Field("time", "u32", unit="us"),
+                    Field("accel", "f32", 3, unit="m/s2", axes=BODY_AXES),
+                    Field("gyro", "f32", 3, unit="rad/s", axes=BODY_AXES),
+                    Field("mag", "f32", 3, unit="gauss", axes=BODY_AXES),
+                    Field("pressure", "f32", unit="hPa"),
+                    Field("temperature", "f32", unit="degC"),
+                    Field("updated", "u16", flags=UPDATED),
+                ),
+            )
+        boot_ms = self.message != "RAW_IMU"
+        return RowLayout(
+            name=name,
+            title=title,
+            byte_order="little",
+            clock="time",
+            clock_tick_s=1e-3 if boot_ms else 1e-6,
+            rate_hz=self.rate_hz,
+            fields=(
+                Field("time", "u32", unit="ms" if boot_ms else "us"),
+                Field("accel", "i16", 3, unit="mg", axes=BODY_AXES),
+                Field("gyro", "i16", 3, unit="mrad/s", axes=BODY_AXES),
+                Field("mag", "f32", 3, unit="mG", axes=BODY_AXES),
+                Field("temperature", "f32", unit="degC", counts_per_unit=100.0),
+            ),
+        )
+
+    def _pressure_rows(self) -> RowLayout:
+        return RowLayout(
+            name=f"{self.name}-pressure",
+            title="SCALED_PRESSURE over MAVLink",
+            byte_order="little",
+            clock="time",
+            clock_tick_s=1e-3,
+            rate_hz=PRESSURE_HZ,
+            fields=(
+                Field("time", "u32", unit="ms"),
+                Field("pressure", "f32", unit="hPa"),
+                Field("temperature", "i16", unit="degC", counts_per_unit=100.0),
+            ),
+        )
+
+
+class MavlinkDecoder(MavlinkFrameDecoder):
+    """Decoder of what a flight controller sends.
+
+    Attributes
+    ----------
+    sender : Sender or None
+        Whose inertial messages are taken; None before the first.
+    others : Counter of Sender
+        How many inertial messages of the same kind others sent.
+    version : int or None
+        Of MAVLink, 1 or 2, in the last inertial message.
+    """
+
+    def __init__(self, protocol: MavlinkProtocol) -> None:
+        super().__init__()
+        self._protocol = protocol
+        self.sender: Sender | None = None
+        self.others: Counter[Sender] = Counter()
+        self.version: int | None = None
+
+    def _read(self, frames: FramedBytes) -> dict[str, Packets]:
+        self._note_gaps(frames)
+        streams, message = self._protocol.streams, self._protocol.imu
+        found = read_contents(frames, (message, SCALED_PRESSURE))
+        imu, since = self._own_imu(found.get(message.name), message)
+        pressure = found.get(SCALED_PRESSURE.name, no_contents(SCALED_PRESSURE))
+        pressure = pressure.taken(self._is_own(pressure) & (pressure.index > since))
+        end = frames.end
+        return {
+            "imu": Packets(_imu_rows(streams["imu"], imu.payload), end[imu.index]),
+            "pressure": Packets(
+                _pressure_rows(streams["pressure"], pressure.payload), end[pressure.index]
+            ),
+        }
+
+    def _own_imu(self, found: Contents | None, message: Message) -> tuple[Contents, int]:
+        """Return the sender's inertial messages, and the frame before the first that counts."""
+        if found is None:
+            return no_contents(message), -1
+        since = -1
+        if self.sender is None:
+            asked = self._protocol
+            fits = np.ones(len(found), dtype=np.bool_)
+            for wanted, numbers in (
+                (asked.system, found.system),
+                (asked.component, found.component),
+                (asked.sensor, _sensors(found)),
+            ):
+                if wanted is not None:
+                    fits &= numbers == wanted
+            if bool(fits.any()):
+                first = int(fits.argmax())
+                self.sender = _sender(found, first)
+                since = int(found.index[first])
+        own = self._is_own(found)
+        if self.sender is not None:
+            own &= _sensors(found) == self.sender.sensor
+        if not bool(own.all()):
+            for place in np.flatnonzero(~own).tolist():
+                self.others[_sender(found, place)] += 1
+        mine = found.taken(own)
+        if len(mine):
+            self.version = int(mine.version[-1])
+        return mine, since
+
+    def _is_own(self, found: Contents) -> Flags:
+        if self.sender is None:
+            return np.zeros(len(found), dtype=np.bool_)
+        own: Flags = (found.system == self.sender.system) & (
+            found.component == self.sender.component
+        )
+        return own
+
+
+def _sensors(found: Contents) -> npt.NDArray[np.int64]:
+    if "id" in (found.payload.dtype.names or ()):
+        return found.payload["id"].astype(np.int64)
+    return np.zeros(len(found), dtype=np.int64)
+
+
+def _sender(found: Contents, place: int) -> Sender:
+    return Sender(
+        int(found.system[place]), int(found.component[place]), int(_sensors(found)[place])
+    )
+
+
+def _imu_rows(layout: RowLayout, payload: Rows) -> Rows:
+    """Return the rows of an inertial message; see the module for what becomes NaN."""
+    rows = np.zeros(len(payload), dtype=layout.dtype)
+    names = payload.dtype.names or ()
+    time = "time_usec" if "time_usec" in names else "time_boot_ms"
+    rows["time"] = payload[time] & 0xFFFFFFFF
+    rows["accel"], rows["gyro"], rows["mag"] = payload["acc"], payload["gyro"], payload["mag"]
+    rows["mag"][np.all(payload["mag"] == 0, axis=1)] = np.nan
+    rows["temperature"] = payload["temperature"]
+    no_temperature = payload["temperature"] == 0
+    if "fields_updated" in names:
+        rows["updated"] = payload["fields_updated"]
+        rows["pressure"] = payload["abs_pressure"]
+        rows["pressure"][payload["abs_pressure"] == 0] = np.nan
+        no_temperature &= (
+            payload["fields_updated"] >> dict(UPDATED)["temperature_updated"]
+        ) & 1 == 0
+    rows["temperature"][no_temperature] = np.nan
+    return rows
+
+
+def _pressure_rows(layout: RowLayout, payload: Rows) -> Rows:
+    rows = np.zeros(len(payload), dtype=layout.dtype)
+    rows["time"] = payload["time_boot_ms"]
+    rows["pressure"] = payload["press_abs"]
+    rows["pressure"][payload["press_abs"] == 0] = np.nan
+    rows["temperature"] = payload["temperature"]
+    return rows
+
+
+_NUMBER, _WHOLE, _TEXT = (int, float), (int,), (str,)
+_KEYS: dict[str, tuple[tuple[type, ...], str]] = {
+    "kind": (_TEXT, "text"),
+    "name": (_TEXT, "text"),
+    "title": (_TEXT, "text"),
+    "message": (_TEXT, "text"),
+    "system": (_WHOLE, "a whole number"),
+    "component": (_WHOLE, "a whole number"),
+    "sensor": (_WHOLE, "a whole number"),
+    "rate_hz": (_NUMBER, "a number"),
+}
+"""What a description may hold, and of which type."""
+
+
+def from_dict(data: Mapping[str, Any]) -> MavlinkProtocol:
+    """Build a protocol from plain data, as `MavlinkProtocol.to_dict` gives it.
+
+    Raises
+    ------
+    LayoutError
+        For anything that is not a usable description.
+    """
+    for key, value in data.items():
+        if key not in _KEYS:
+            raise LayoutError(f"the key {quote(key)} is not known (known: {', '.join(_KEYS)}).")
+        types, words = _KEYS[key]
+        if not isinstance(value, types) or isinstance(value, bool):
+            raise LayoutError(f"{key} must be {words}.")
+    if "name" not in data:
+        raise LayoutError("the key 'name' is missing.")
+    return MavlinkProtocol(**{key: value for key, value in data.items() if key != "kind"})
