@@ -8,6 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
+from firmware_protocols.known import load_protocol, protocol_from_dict
+from firmware_protocols.layout import PacketLayout
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.units import STANDARD_GRAVITY
 from simulators.budget import Budget, draw_firmware, draw_jig, draw_sensor
 from simulators.faults import PlannedFault
@@ -91,9 +94,10 @@ class RigConfig(Model):
         return IMU_KINDS[self.imu]
 
     @property
-    def protocol(self) -> str:
-        """Name of the protocol, or path of the layout file, that the IMU speaks."""
-        return self.firmware.layout if self.kind.any_layout else self.kind.protocol
+    def protocol(self) -> DeviceProtocol:
+        """What the IMU speaks."""
+        told = self.firmware.layout if self.kind.any_layout else self.kind.protocol
+        return protocol_from_dict(told) if isinstance(told, dict) else load_protocol(told)
 
     @property
     def earth_rate(self) -> Vector3:
@@ -133,6 +137,30 @@ class RigConfig(Model):
             sensor=draw_sensor(rng, budget, kind.sensor),
             firmware=draw_firmware(rng, budget, kind.firmware),
         )
+
+    @classmethod
+    def speaking(cls, protocol: DeviceProtocol, seed: int) -> RigConfig:
+        """Draw a rig with an IMU of the kind that speaks a protocol.
+
+        Packets of a fixed layout that no kind calls its own are sent by the one that sends any.
+
+        Raises
+        ------
+        ValueError
+            If no kind does; the sentence lists the kinds and what each speaks.
+        """
+        for name, kind in IMU_KINDS.items():
+            if kind.protocol == protocol.name:
+                return cls.random(seed, imu=name)
+        if not (isinstance(protocol, PacketLayout) and protocol.inertial_streams):
+            spoken = ", ".join(f"{kind.protocol} ({name})" for name, kind in IMU_KINDS.items())
+            raise ValueError(
+                f"no simulated IMU speaks {protocol.name}; take the protocol of one of them, "
+                f"{spoken}, or a fixed packet layout with a field accel or gyro."
+            )
+        drawn = cls.random(seed)
+        told = drawn.firmware.model_copy(update={"layout": protocol.to_dict()})
+        return drawn.model_copy(update={"firmware": told})
 
     @classmethod
     def ideal(cls, seed: int = 1) -> RigConfig:

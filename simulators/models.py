@@ -6,7 +6,7 @@ degrees and times in seconds where the name says so, everything else is in SI un
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -214,9 +214,9 @@ class FirmwareModel(Model):
 
     Attributes
     ----------
-    layout : str
-        Name of a built-in packet layout, or the path of a layout file, for kinds of IMU that
-        send any layout.
+    layout : str or dict
+        Name of a built-in packet layout, the path of a layout file, or a layout as plain data,
+        for kinds of IMU that send any layout.
     rate_hz : float or None
         Samples per second of the device's clock; None takes the layout's, or 100. Kinds whose
         rate is their own affair ignore it.
@@ -230,7 +230,7 @@ class FirmwareModel(Model):
         Shortest way from sample to host.
     """
 
-    layout: str = "mpu9150-28"
+    layout: str | dict[str, Any] = "mpu9150-28"
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     skew_ppm: float = 30.0
     clock_offset_s: NotNegative = 1234.5

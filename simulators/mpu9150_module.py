@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware_protocols.layout import load_layout
+from firmware_protocols.layout import PacketLayout, load_layout
 from simulators.encoders import Encoder, LayoutEncoder
 from simulators.imu_kinds import ImuKind
 from simulators.models import FirmwareModel
@@ -13,7 +13,9 @@ from simulators.mpu9150 import MPU9150_RANGES
 
 def _firmware(model: FirmwareModel, rng: np.random.Generator) -> Encoder:
     del rng
-    return LayoutEncoder(load_layout(model.layout), model.rate_hz)
+    layout = model.layout
+    read = PacketLayout.from_dict(layout) if isinstance(layout, dict) else load_layout(layout)
+    return LayoutEncoder(read, model.rate_hz)
 
 
 MPU9150_MODULE = ImuKind(

@@ -21,7 +21,10 @@ JigFile = Annotated[
 ]
 LayoutFile = Annotated[
     str | None,
-    typer.Option("--layout", help="Packet layout of the IMU: mpu9150-28 (default) or a TOML file."),
+    typer.Option(
+        "--layout",
+        help="What the IMU sends: mpu9150-28 (default), another built-in name, or a TOML file.",
+    ),
 ]
 Baud = Annotated[int, typer.Option("--baud", help="Baud rate of the IMU's port.")]
 MaestroDevice = Annotated[
@@ -86,20 +89,22 @@ class Hardware:
         Raises
         ------
         InputError
-            If the jig or the packet layout cannot be read.
+            If the jig or the layout cannot be read.
         """
-        from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, load_layout
+        from firmware_protocols.fields import LayoutError
+        from firmware_protocols.known import load_protocol
+        from firmware_protocols.layout import DEFAULT_LAYOUT_NAME
         from imu_rig.devices.jig import DEFAULT_JIG_NAME, load_jig
         from imu_rig.session.run import SessionSetup
 
         try:
-            packet_layout = load_layout(self.layout or DEFAULT_LAYOUT_NAME)
+            layout = load_protocol(self.layout or DEFAULT_LAYOUT_NAME)
         except LayoutError as error:
             raise InputError(str(error)) from error
         return SessionSetup(
             imu_url=self.imu or "",
             maestro_url=self.maestro or "",
-            layout=packet_layout,
+            layout=layout,
             jig=load_jig(self.jig or DEFAULT_JIG_NAME),
             protocol=protocol,
             device=device,

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from imu_rig.cli.options import Json
+from imu_rig.errors import InputError
 
 app = typer.Typer(help="Put simulated hardware on real ports.", no_args_is_help=True)
 
@@ -24,20 +25,28 @@ def rig(
     tcp: Annotated[
         bool, typer.Option("--tcp", help="TCP ports (socket://) in place of pseudo-terminals.")
     ] = sys.platform == "win32",
+    imu: Annotated[
+        str | None,
+        typer.Option("--imu", help="Kind of IMU: mpu9150 (default); an unknown one lists them."),
+    ] = None,
     factory: Annotated[
         bool, typer.Option("--factory", help="The Maestro in its factory mode: it ignores bytes.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Serve a jig with a Maestro and an MPU-9150 over Bluetooth until Ctrl-C."""
+    """Serve a jig with a Maestro and an IMU until Ctrl-C: by default an MPU-9150 over Bluetooth."""
     import threading
 
     from imu_rig.cli.signals import stop_on_signals
     from imu_rig.clock import SystemClock
     from imu_rig.stopping import StopRequest
+    from simulators.imu_kinds import DEFAULT_KIND
     from simulators.rig import RigConfig, SimulatedRig
 
-    config = RigConfig.random(seed)
+    try:
+        config = RigConfig.random(seed, imu=imu or DEFAULT_KIND)
+    except ValueError as error:
+        raise InputError(f"--imu: {error}") from error
     if factory:
         config = config.model_copy(update={"maestro_mode": "uart-detect"})
     stop, wait = StopRequest(), threading.Event()
@@ -49,11 +58,12 @@ def rig(
             ports = {"imu": simulated.imu_url, "maestro": simulated.maestro_url}
             sys.stdout.write(json.dumps(ports) + "\n")
         else:
+            layout = f" --layout {config.protocol.name}" if imu else ""
             sys.stdout.write(
                 f"IMU      {simulated.imu_url}\nMaestro  {simulated.maestro_url}\n\n"
                 "In another terminal:\n"
                 f"  imu-rig calibrate --imu {simulated.imu_url} --maestro {simulated.maestro_url}"
-                "\n\nCtrl-C ends it.\n"
+                f"{layout}\n\nCtrl-C ends it.\n"
             )
         sys.stdout.flush()
         while stop.cause is None:

@@ -111,7 +111,8 @@ def simulated_session(
     Raises
     ------
     InputError
-        If the speed is not one that this machine's scheduler can hold.
+        If the speed is not one that this machine's scheduler can hold, or if no simulated sensor
+        speaks the session's protocol.
     """
     from simulators.rig import RigConfig, SimulatedRig
 
@@ -121,7 +122,10 @@ def simulated_session(
         raise InputError(f"--seed must not be negative, and is {seed}.")
     clock: Clock = SystemClock() if speed == 1 else ScaledClock(speed)
     transport: Literal["pty", "tcp"] = "tcp" if sys.platform == "win32" else "pty"
-    config = RigConfig.random(seed)
+    try:
+        config = RigConfig.speaking(setup.layout, seed)
+    except ValueError as error:
+        raise InputError(f"--simulate: {error}") from error
     config = config.model_copy(update={"jig": _wired_as(config.jig, setup.jig)})
     with SimulatedRig(config, clock=clock, transport=transport) as rig:
         simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
