@@ -13,7 +13,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.session.history import Visit
 from imu_rig.session.protocol import Pose
-from imu_rig.session.stillness import Quiet
+from imu_rig.session.stillness import Quiet, has_gyro
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
 GRAVITY_TOLERANCE = 0.25  # of 1 g: beyond any uncalibrated sensor's scale and bias together
@@ -116,14 +116,14 @@ def another_sensor(name: str, before: Visit, now: ImuBlock) -> str | None:
     Sensors differ by degrees per second and tens of mg in their offsets; one sensor hardly does
     from day to day. Servos come back to a pose within degrees.
     """
-    if before.accel_mean is None or before.gyro_mean is None:
+    if before.accel_mean is None:
         return None
     accel = np.mean(now.accel, axis=0)
     then = np.array(before.accel_mean)
     size, size_then = float(np.linalg.norm(accel)), float(np.linalg.norm(then))
     cosine = float(accel @ then) / (size * size_then)
     tilted = float(np.arccos(np.clip(cosine, -1.0, 1.0))) / DEG
-    bias = float(np.max(np.abs(np.mean(now.gyro, axis=0) - before.gyro_mean))) / DEG
+    bias = _bias_change_dps(before, now)
     differs = [
         (tilted > SAME_DIRECTION_DEG, f"gravity stands {tilted:.0f} deg from where it stood"),
         (
@@ -179,15 +179,20 @@ def other_readings(name: str, before: Visit, now: ImuBlock) -> str | None:
     Gravity stands elsewhere then; its size and the gyroscope's bias are the sensor's own. Its
     uncalibrated scale and bias make the size differ between attitudes, so only much counts.
     """
-    if before.gyro_mean is None:
-        return None
-    bias = float(np.max(np.abs(np.mean(now.gyro, axis=0) - before.gyro_mean))) / DEG
+    bias = _bias_change_dps(before, now)
     if bias <= SAME_BIAS_DPS:
         return None
     return (
         f"{name}'s gyroscope bias differs by {bias:.1f} deg/s from that of the session's sensor: "
         "this is another sensor; begin a new session for it."
     )
+
+
+def _bias_change_dps(before: Visit, now: ImuBlock) -> float:
+    """Return the largest change of the gyroscope's bias; 0 where there is no gyroscope."""
+    if before.gyro_mean is None or not has_gyro(now):
+        return 0.0
+    return float(np.max(np.abs(np.mean(now.gyro, axis=0) - before.gyro_mean))) / DEG
 
 
 def _attitude_of(pose: Pose, mounting: FloatArray) -> FloatArray:

@@ -37,7 +37,7 @@ from imu_rig.session.progress import (
     ignore,
 )
 from imu_rig.session.protocol import AxisName, Pose
-from imu_rig.session.stillness import WINDOW_S, StillnessMonitor, scatter
+from imu_rig.session.stillness import WINDOW_S, StillnessMonitor, has_gyro, scatter
 from imu_rig.session.watch import POLL_S, Watch
 from imu_rig.stopping import StopRequest
 
@@ -207,7 +207,7 @@ class SessionEngine:
             still_s=[watch.trial_s(still.start), watch.trial_s(still.stop)],
             samples=len(still.block),
             accel_mean=np.mean(still.block.accel, axis=0).round(6).tolist(),
-            gyro_mean=np.mean(still.block.gyro, axis=0).round(8).tolist(),
+            gyro_mean=rest.gyro_bias.round(8).tolist() if has_gyro(still.block) else None,
             accel_scatter=rest.accel,
             gyro_scatter=rest.gyro,
             turns=turns,
@@ -381,7 +381,7 @@ class SessionEngine:
             return
         before, held = self._last_still
         way = self._watch.samples(held.stop, still.start)
-        if len(way) < 2 or not checks.is_whole(way):
+        if len(way) < 2 or not checks.is_whole(way) or not has_gyro(way):
             return
         bias = np.mean(held.block.gyro, axis=0)
         problem = checks.wrong_turn(way, bias, before, step.pose)

@@ -10,7 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from firmware_protocols.layout import LayoutError, PacketLayout
+from firmware_protocols.fields import LayoutError
+from firmware_protocols.known import protocol_from_dict
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.devices.jig import JigConfig
 from imu_rig.errors import InputError
 from imu_rig.recording.reader import Trial
@@ -40,7 +42,8 @@ class Visit(_Event):
     """One stop that was held still to its end.
 
     ``still_s`` is its interval in trial time [s]; ``accel_mean`` [m/s^2] and ``gyro_mean``
-    [rad/s] are what the sensor read there, ``mounting`` counts from 0.
+    [rad/s; None for a sensor without gyroscope] are what the sensor read there; ``mounting``
+    counts from 0.
     """
 
     index: Annotated[int, Field(ge=0, le=2000)]
@@ -62,7 +65,7 @@ class SessionRecord:
 
     protocol: JigProtocol
     jig: JigConfig
-    layout: PacketLayout
+    layout: DeviceProtocol
     device: str
     serial: str
     visits: tuple[Visit, ...]
@@ -114,7 +117,7 @@ def read_session(trial: Trial) -> SessionRecord:
     if not is_session(trial):
         raise InputError(f"{trial.path} holds no calibration session.")
     try:
-        layout = PacketLayout.from_dict(trial.sources[IMU_SOURCE].descriptor["layout"])
+        layout = protocol_from_dict(trial.sources[IMU_SOURCE].descriptor["layout"])
         visits: dict[int, Visit] = {}
         for event in trial.events:
             if event.name == "pose":

@@ -24,7 +24,8 @@ TURN_LIMIT = 0.6 * DEG  # mean rate off the bias: a turn about the vertical leav
 class Quiet:
     """What the sensor shows at rest: scatter per axis (rms over axes) and gyroscope bias.
 
-    ``accel`` [m/s^2], ``gyro`` [rad/s], ``gyro_bias`` shape (3,) [rad/s].
+    ``accel`` [m/s^2], ``gyro`` [rad/s], ``gyro_bias`` shape (3,) [rad/s]; zero all of them for a
+    gyroscope that the sensor does not have.
     """
 
     accel: float
@@ -39,11 +40,19 @@ class Quiet:
 
 def scatter(block: ImuBlock) -> Quiet:
     """Scatter of a block of at least two samples and its mean rate."""
+    accel = float(np.sqrt(np.mean(np.var(block.accel, axis=0))))
+    if not has_gyro(block):
+        return Quiet(accel, 0.0, np.zeros(3))
     return Quiet(
-        accel=float(np.sqrt(np.mean(np.var(block.accel, axis=0)))),
+        accel=accel,
         gyro=float(np.sqrt(np.mean(np.var(block.gyro, axis=0)))),
         gyro_bias=np.mean(block.gyro, axis=0),
     )
+
+
+def has_gyro(block: ImuBlock) -> bool:
+    """Whether the sensor has a gyroscope: readings of one that it lacks are NaN."""
+    return not bool(np.all(np.isnan(block.gyro)))
 
 
 class StillnessMonitor:
@@ -92,4 +101,4 @@ class StillnessMonitor:
 
     def follow_bias(self, still: ImuBlock) -> None:
         """Take the gyroscope's bias from a still interval."""
-        self._bias = np.mean(still.gyro, axis=0)
+        self._bias = scatter(still).gyro_bias
