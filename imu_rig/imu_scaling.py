@@ -1,15 +1,21 @@
-"""Counts of a packet layout to SI units, for the fields that are measurements."""
+"""Counts of a device's rows to SI units, for the fields that are measurements."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from firmware_protocols.layout import PacketLayout
-from firmware_protocols.packets import values
+from firmware_protocols.packets import counts, flag, values
+from firmware_protocols.rows import RowLayout
 from imu_rig.arrays import FloatArray, StructArray
 from imu_rig.blocks import INERTIAL_FIELDS
 from imu_rig.errors import InputError
-from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, TEMPERATURE_UNITS
+from imu_rig.units import (
+    ACCELERATION_UNITS,
+    FIELD_UNITS,
+    PRESSURE_UNITS,
+    RATE_UNITS,
+    TEMPERATURE_UNITS,
+)
 
 _UNITS = {
     "accel": ACCELERATION_UNITS,
@@ -17,15 +23,23 @@ _UNITS = {
     "mag": FIELD_UNITS,
     "temperature": TEMPERATURE_UNITS,
 }
-_SI_UNITS = {"accel": "m/s2", "gyro": "rad/s", "mag": "uT", "temperature": "degC"}
+_SI_UNITS = {
+    "accel": "m/s2",
+    "gyro": "rad/s",
+    "mag": "uT",
+    "temperature": "degC",
+    "pressure": "Pa",
+}
+
+_KNOWN_UNITS = {**_UNITS, "pressure": PRESSURE_UNITS}
 
 
-def is_inertial(layout: PacketLayout) -> bool:
+def is_inertial(layout: RowLayout) -> bool:
     """Whether packets hold an accelerometer or a gyroscope: their fields are called so."""
     return any(layout.has(name) for name in INERTIAL_FIELDS)
 
 
-def si_factors(layout: PacketLayout) -> dict[str, float]:
+def si_factors(layout: RowLayout) -> dict[str, float]:
     """Return SI units per unit of the layout, by the name of the field.
 
     Raises
@@ -58,13 +72,13 @@ def si_factors(layout: PacketLayout) -> dict[str, float]:
 
 
 def si_values(
-    layout: PacketLayout, rows: StructArray, factors: dict[str, float]
+    layout: RowLayout, rows: StructArray, factors: dict[str, float]
 ) -> dict[str, FloatArray]:
     """Return the measurements of packets in SI units; an absent accel or gyro reads NaN.
 
     Parameters
     ----------
-    layout : PacketLayout
+    layout : RowLayout
     rows : shape (n,), structured
         Packets, of ``layout.dtype``.
     factors : dict
@@ -87,27 +101,44 @@ def si_values(
 
 
 def field_values(
-    layout: PacketLayout, rows: StructArray
+    layout: RowLayout, rows: StructArray
 ) -> tuple[dict[str, FloatArray], dict[str, str]]:
     """Return every field of packets but pads, counter and clock, and the unit of each.
 
-    Inertial measurements come in SI units, as of `si_values`; a field of any other name, or in a
-    unit that is not known for it, in the layout's own.
+    Inertial measurements and pressure come in SI units, as of `si_values`; a field of any other
+    name, or in a unit that is not known for it, in the layout's own. Flags are 0 or 1. The raw
+    readings of a barometer are joined by its pressure [Pa] and temperature [degC], which are NaN
+    where its PROM is damaged.
     """
     columns, units = {}, {}
     for field in layout.fields:
         if field.type == "pad" or field.name in (layout.counter, layout.clock):
             continue
         numbers, unit = values(layout, rows, field.name), field.unit
-        factor = _UNITS.get(field.name, {}).get(unit)
+        factor = _KNOWN_UNITS.get(field.name, {}).get(unit)
         if factor is not None:
             with np.errstate(over="ignore"):
                 numbers *= factor
             unit = _SI_UNITS[field.name]
         columns[field.name], units[field.name] = numbers, unit
+        for name, bit in field.flags:
+            columns[name] = flag(layout, rows, field.name, bit).astype(np.float64)
+            units[name] = ""
+    if layout.barometer is not None:
+        columns["pressure"], columns["temperature"] = _barometer_values(layout, rows)
+        units |= {"pressure": "Pa", "temperature": "degC"}
     return columns, units
 
 
-def watched_fields(layout: PacketLayout) -> tuple[str, ...]:
+def _barometer_values(layout: RowLayout, rows: StructArray) -> tuple[FloatArray, FloatArray]:
+    from firmware_protocols.ms5803 import compensate  # which few devices need
+
+    raw = layout.barometer
+    assert raw is not None
+    prom, d1, d2 = (counts(layout, rows, name) for name in (raw.prom, raw.d1, raw.d2))
+    return compensate(raw.variant, prom, d1, d2)
+
+
+def watched_fields(layout: RowLayout) -> tuple[str, ...]:
     """Return the fields whose counts change all the time while a sensor measures."""
     return tuple(name for name in INERTIAL_FIELDS if layout.has(name))

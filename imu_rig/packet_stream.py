@@ -12,19 +12,21 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from firmware_protocols.decoder import Packets, StreamDecoder
-from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts
+from firmware_protocols.protocol import Decoder, DeviceProtocol, Packets
+from firmware_protocols.rows import RowLayout
 from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray, StructArray
 from imu_rig.blocks import in_a_line
 from imu_rig.clock import NS_PER_S
 from imu_rig.errors import InputError
+from imu_rig.imu_scaling import watched_fields
+from imu_rig.row_faults import faults_of
 from imu_rig.timing.clock_fit import MAX_SKEW, MIN_SPAN_S, ClockFit, fit_clock
 from imu_rig.timing.counters import differences
 from imu_rig.timing.host_time import HostTime
@@ -48,7 +50,8 @@ class StreamStats(OrderStats):
     good : int
         Packets with a correct header and checksum, duplicates and late ones included.
     corrupt, skipped_bytes : int
-        Packets with a wrong checksum; bytes that belong to no good packet.
+        Packets with a wrong checksum; bytes that belong to no good packet. Nobody knows of which
+        stream they were: they are those of the whole port.
     """
 
     good: int = 0
@@ -91,12 +94,12 @@ class PacketBlock:
         return in_a_line("PacketBlock", self.t, [*own, *(self.rows.dtype.names or ())])
 
     @staticmethod
-    def empty(layout: PacketLayout) -> PacketBlock:
+    def empty(layout: RowLayout) -> PacketBlock:
         """Return a block without packets."""
         return PacketBlock(np.empty(0, layout.dtype), np.empty(0), np.empty(0))
 
     @staticmethod
-    def concatenate(layout: PacketLayout, blocks: Sequence[PacketBlock]) -> PacketBlock:
+    def concatenate(layout: RowLayout, blocks: Sequence[PacketBlock]) -> PacketBlock:
         """Join blocks of one device in order."""
         full = [block for block in blocks if len(block)]
         if not full:
@@ -114,7 +117,7 @@ class PacketBlock:
 
 @dataclass(frozen=True)
 class AssembledPackets:
-    """A whole recording decoded.
+    """One stream of a whole recording, decoded.
 
     Attributes
     ----------
@@ -161,111 +164,134 @@ class AssembledPackets:
         )
 
 
-class PacketStream:
-    """Turns the bytes of one device into blocks of packets as they arrive.
+class PacketStreams:
+    """Turns the bytes of one port into blocks of packets as they arrive, for each of its streams.
 
     Parameters
     ----------
-    layout : PacketLayout
-    watched : sequence of str
-        Fields that never stay the same for long while the device measures.
-
-    Attributes
-    ----------
-    time_source : str
-        What the packets' times rest on: "device clock", "packet counter" or "arrival".
-    identical : int
-        How many of the last packets in a row have the same counts in all watched fields; 0 where
-        none is watched.
+    protocol : DeviceProtocol
     """
 
-    def __init__(self, layout: PacketLayout, watched: Sequence[str] = ()) -> None:
-        self.layout = layout
-        self._watched = tuple(watched)
-        self._decoder = StreamDecoder(layout)
-        self._order = _order(layout)
-        self.time_source = self._order.time_source
-        self._live = LiveClockFit(**_fit_options(layout, self.time_source))
-        self._mapping = HostTime(self._fit_live)
+    def __init__(self, protocol: DeviceProtocol) -> None:
+        self.protocol = protocol
+        self._decoder = protocol.decoder()
+        self._lanes = {name: _Lane(layout) for name, layout in protocol.streams.items()}
         self._chunks: deque[tuple[int, float]] = deque()
         self._received = 0
         self._last_ns = 0
-        self._held: tuple[StructArray, FloatArray] | None = None
-        self._segment: int | None = None
-        self.identical = 0
-        self._last_counts: AnyArray | None = None
 
-    @property
-    def stats(self) -> StreamStats:
-        """Counts so far."""
-        return _stats(self._decoder, self._order)
+    def stats(self, stream: str) -> StreamStats:
+        """Return the counts of a stream so far."""
+        lane = self._lanes[stream]
+        return _stats(self._decoder, lane.order, lane.good)
 
-    @property
-    def clock_fit(self) -> ClockFit | None:
-        """The device clock on the host's, as known now; None before the first packet."""
-        return self._live.fit
+    def time_source(self, stream: str) -> TimeSource:
+        """Return what a stream's times rest on."""
+        return self._lanes[stream].order.time_source
 
-    def feed(self, t_ns: int, data: bytes) -> PacketBlock:
-        """Take in bytes that arrived at ``t_ns`` (host monotonic clock, not decreasing).
+    def clock_fit(self, stream: str) -> ClockFit | None:
+        """Return the device clock on the host's, as known now; None before the first packet."""
+        return self._lanes[stream].live.fit
+
+    def identical(self, stream: str) -> int:
+        """Return how many of the last packets in a row have the same inertial counts.
+
+        0 where a stream has neither accelerometer nor gyroscope.
+        """
+        return self._lanes[stream].identical
+
+    def faults(self, stream: str, since_s: float) -> tuple[str, ...]:
+        """Return the faults that packets told of which arrived since then, host clock [s]."""
+        told = self._lanes[stream].faults
+        return tuple(fault for fault, last_s in told.items() if last_s >= since_s)
+
+    def feed_many(self, chunks: list[tuple[int, bytes]]) -> dict[str, PacketBlock]:
+        """Take in pieces in order of arrival.
+
+        Parameters
+        ----------
+        chunks : list of (int, bytes)
+            When each arrived (host monotonic clock [ns], not decreasing) and what it was.
 
         Returns
         -------
-        PacketBlock
-            The packets that are complete now, after all returned before; perhaps none.
+        dict
+            Of each stream the packets that are complete now, after all returned before; streams
+            without any are left out.
         """
-        return self.feed_many([(t_ns, data)])
-
-    def feed_many(self, chunks: list[tuple[int, bytes]]) -> PacketBlock:
-        """Take in several pieces in order of arrival, faster than one by one."""
         for t_ns, data in chunks:
             self._received += len(data)
             self._chunks.append((self._received, t_ns / NS_PER_S))
-        packets = self._decode(chunks)
-        if len(packets.rows) == 0:
-            self._forget_chunks()
-            return PacketBlock.empty(self.layout)
-        stops, arrival = np.array(self._chunks).T
-        host_s = arrival[np.searchsorted(stops, packets.end)]
-        self._forget_chunks()
-        rows = packets.rows
-        if self._held is not None:
-            rows = np.concatenate((self._held[0], rows))
-            host_s = np.concatenate((self._held[1], host_s))
-        ordered = _feed_order(self._order, self.layout, rows, host_s)
-        self._held = (rows[-1:], host_s[-1:]) if ordered.held else None
-        taken, host_s = _taken(rows, ordered.rows), host_s[ordered.rows]
-        self._watch(taken)
-        t = self._mapping.times(ordered, host_s)
-        return _block(taken, t, host_s, ordered, self.time_source)
+        decoded = self._decode(chunks)
+        blocks: dict[str, PacketBlock] = {}
+        if decoded:
+            stops, arrival = np.array(self._chunks).T
+            for stream, packets in decoded.items():
+                block = self._lanes[stream].take(
+                    packets.rows, arrival[np.searchsorted(stops, packets.end)]
+                )
+                if len(block):
+                    blocks[stream] = block
+        undecided = self._received - self._decoder.pending
+        while self._chunks and self._chunks[0][0] <= undecided:
+            self._chunks.popleft()
+        return blocks
 
     def cut(self) -> None:
         """Let no packet lie on both sides of here: the port was opened anew, bytes are missing."""
         self._decoder.cut()
 
-    def _decode(self, chunks: list[tuple[int, bytes]]) -> Packets:
+    def _decode(self, chunks: list[tuple[int, bytes]]) -> dict[str, Packets]:
         """Feed the decoder as `_decode_recording` does."""
-        parts: list[Packets] = []
+        parts: list[Mapping[str, Packets]] = []
         joined: list[bytes] = []
         for t_ns, data in chunks:
-            if self.layout.checksum is None and t_ns - self._last_ns > PAUSE_S * NS_PER_S:
+            if not self.protocol.proves_packets and t_ns - self._last_ns > PAUSE_S * NS_PER_S:
                 parts.append(self._decoder.feed(b"".join(joined)))
                 self._decoder.cut()
                 joined = []
             joined.append(data)
             self._last_ns = t_ns
         parts.append(self._decoder.feed(b"".join(joined)))
-        return Packets.concatenate(parts)
+        return _joined(parts)
 
-    def _fit_live(self, segment: int, device_s: FloatArray, host_s: FloatArray) -> ClockFit:
+
+class _Lane:
+    """One stream of a port while it comes: its order, its clock fit, what it said last."""
+
+    def __init__(self, layout: RowLayout) -> None:
+        self.layout = layout
+        self.order = _order(layout)
+        self.live = LiveClockFit(**_fit_options(layout, self.order.time_source))
+        self.good = 0
+        self.identical = 0
+        self.faults: dict[str, float] = {}
+        self._watched = watched_fields(layout)
+        self._mapping = HostTime(self._fit)
+        self._held: tuple[StructArray, FloatArray] | None = None
+        self._segment: int | None = None
+        self._last_counts: AnyArray | None = None
+
+    def take(self, rows: StructArray, host_s: FloatArray) -> PacketBlock:
+        """Return the packets that are in order now, with times."""
+        self.good += len(rows)
+        for fault, where in faults_of(self.layout, rows).items():
+            self.faults[fault] = float(host_s[where])
+        if self._held is not None:
+            rows = np.concatenate((self._held[0], rows))
+            host_s = np.concatenate((self._held[1], host_s))
+        ordered = _feed_order(self.order, self.layout, rows, host_s)
+        self._held = (rows[-1:], host_s[-1:]) if ordered.held else None
+        taken, host_s = _taken(rows, ordered.rows), host_s[ordered.rows]
+        self._watch(taken)
+        t = self._mapping.times(ordered, host_s)
+        return _block(taken, t, host_s, ordered, self.order.time_source)
+
+    def _fit(self, segment: int, device_s: FloatArray, host_s: FloatArray) -> ClockFit:
         if self._segment is not None and segment != self._segment:
-            self._live.restart()
+            self.live.restart()
         self._segment = segment
-        return self._live.update(device_s, host_s)
-
-    def _forget_chunks(self) -> None:
-        undecided = self._received - self._decoder.pending
-        while self._chunks and self._chunks[0][0] <= undecided:
-            self._chunks.popleft()
+        return self.live.update(device_s, host_s)
 
     def _watch(self, rows: StructArray) -> None:
         """Count how long the counts of the watched fields have not changed."""
@@ -285,17 +311,17 @@ class PacketStream:
 
 
 def assemble_packets(
-    layout: PacketLayout,
+    protocol: DeviceProtocol,
     data: bytes | memoryview,
     stops: IntArray,
     arrival_s: FloatArray,
     breaks: BoolArray | None = None,
-) -> AssembledPackets:
-    """Decode a whole recording of one device, with one clock fit from restart to restart.
+) -> dict[str, AssembledPackets]:
+    """Decode a whole recording of one port, with one clock fit from restart to restart.
 
     Parameters
     ----------
-    layout : PacketLayout
+    protocol : DeviceProtocol
     data : bytes or memoryview of bytes
         Everything the port delivered.
     stops : shape (m,)
@@ -305,6 +331,11 @@ def assemble_packets(
     breaks : shape (m,), optional
         Whether something may be missing just before each piece, so that no packet lies on both
         sides of there.
+
+    Returns
+    -------
+    dict
+        Every stream of the protocol by its name, also those of which nothing came.
 
     Raises
     ------
@@ -317,35 +348,65 @@ def assemble_packets(
             f"The pieces of this recording end at byte {covered}, its data at byte {len(data)}: "
             "give one end and one arrival time for every piece read."
         )
-    decoder, order = StreamDecoder(layout), _order(layout)
     arrival_s = np.asarray(arrival_s, dtype=float)
-    packets = _decode_recording(decoder, data, stops, arrival_s, breaks)
+    decoder = protocol.decoder()
+    decoded = _decode_recording(
+        decoder, data, stops, arrival_s, breaks, proven=protocol.proves_packets
+    )
+    streams = {}
+    for name, layout in protocol.streams.items():
+        packets = decoded.get(name)
+        if packets is None:
+            packets = Packets(np.empty(0, layout.dtype), np.empty(0, np.int64))
+        streams[name] = _assemble(layout, packets, stops, arrival_s, decoder)
+    return streams
+
+
+def _assemble(
+    layout: RowLayout, packets: Packets, stops: IntArray, arrival_s: FloatArray, decoder: Decoder
+) -> AssembledPackets:
+    order = _order(layout)
     host_s = arrival_s[np.searchsorted(stops, packets.end)]
     ordered = _feed_order(order, layout, packets.rows, host_s)
     rows, host_s = _taken(packets.rows, ordered.rows), host_s[ordered.rows]
     fits = _fit_segments(layout, order.time_source, ordered, host_s)
     mapping = HostTime(lambda segment, _device, _host: fits[segment])
     t = mapping.times(ordered, host_s)
-    block = _block(rows, t, host_s, ordered, order.time_source)
     return AssembledPackets(
-        block, _stats(decoder, order), order.time_source, tuple(fits.values()), ordered.segment
+        _block(rows, t, host_s, ordered, order.time_source),
+        _stats(decoder, order, len(packets)),
+        order.time_source,
+        tuple(fits.values()),
+        ordered.segment,
     )
 
 
+def _joined(parts: list[Mapping[str, Packets]]) -> dict[str, Packets]:
+    """Join what was decoded one after the other; streams without packets are left out."""
+    names = [name for part in parts for name in part]
+    found = {
+        name: Packets.concatenate([part[name] for part in parts if name in part])
+        for name in dict.fromkeys(names)
+    }
+    return {name: packets for name, packets in found.items() if len(packets)}
+
+
 def _decode_recording(
-    decoder: StreamDecoder,
+    decoder: Decoder,
     data: bytes | memoryview,
     stops: IntArray,
     arrival_s: FloatArray,
     breaks: BoolArray | None,
-) -> Packets:
+    *,
+    proven: bool,
+) -> dict[str, Packets]:
     """Decode everything, with a cut at each break.
 
     A pause cuts packets without a checksum, which would hide that the port was opened anew in it
     and bytes were lost. A checksum proves that a packet is whole, however long it was on its way.
     """
     cuts = np.zeros(len(stops), bool) if breaks is None else breaks.copy()
-    if decoder.layout.checksum is None:
+    if not proven:
         cuts[1:] |= np.diff(arrival_s) > PAUSE_S
     view = memoryview(data)
     parts = []
@@ -353,11 +414,11 @@ def _decode_recording(
     for start, stop in pairwise(edges):
         decoder.cut()
         parts.append(decoder.feed(view[start:stop]))
-    return Packets.concatenate(parts)
+    return _joined(parts)
 
 
 def _fit_segments(
-    layout: PacketLayout, source: TimeSource, ordered: Ordered, host_s: FloatArray
+    layout: RowLayout, source: TimeSource, ordered: Ordered, host_s: FloatArray
 ) -> dict[int, ClockFit]:
     """Fit every segment; those too short for a skew of their own take that of the longest."""
     numbers, starts = np.unique(ordered.segment, return_index=True)
@@ -378,7 +439,7 @@ def _fit_segments(
     return {n: fits[n] for n in parts}
 
 
-def _fit_options(layout: PacketLayout, source: TimeSource) -> dict[str, float]:
+def _fit_options(layout: RowLayout, source: TimeSource) -> dict[str, float]:
     if source == "device clock":
         return {"max_skew": MAX_SKEW, "min_span_s": MIN_SPAN_S}
     if layout.rate_hz is not None:
@@ -386,7 +447,7 @@ def _fit_options(layout: PacketLayout, source: TimeSource) -> dict[str, float]:
     return {"max_skew": UNRATED_SKEW, "min_span_s": UNRATED_SPAN_S}
 
 
-def _order(layout: PacketLayout) -> SampleOrder:
+def _order(layout: RowLayout) -> SampleOrder:
     def modulus(name: str | None) -> int | None:
         return None if name is None else 1 << layout.field(name).number_bits
 
@@ -399,7 +460,7 @@ def _order(layout: PacketLayout) -> SampleOrder:
 
 
 def _feed_order(
-    order: SampleOrder, layout: PacketLayout, rows: StructArray, host_s: FloatArray
+    order: SampleOrder, layout: RowLayout, rows: StructArray, host_s: FloatArray
 ) -> Ordered:
     return order.feed(
         None if layout.clock is None else counts(layout, rows, layout.clock),
@@ -416,11 +477,11 @@ def _taken(rows: StructArray, places: IntArray) -> StructArray:
     return found
 
 
-def _stats(decoder: StreamDecoder, order: SampleOrder) -> StreamStats:
+def _stats(decoder: Decoder, order: SampleOrder, good: int) -> StreamStats:
     decoded = decoder.stats
     return StreamStats(
         **vars(order.stats),
-        good=decoded.good,
+        good=good,
         corrupt=decoded.corrupt,
         skipped_bytes=decoded.skipped_bytes,
     )

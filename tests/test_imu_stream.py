@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_stream import ImuStream
 
 from firmware_protocols.layout import Checksum, Field, PacketLayout, load_layout
 from firmware_protocols.packets import encode
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import InputError
 from imu_rig.imu_scaling import field_values, si_factors, si_values
-from imu_rig.imu_stream import ImuStream, imu_block
+from imu_rig.imu_stream import imu_block
 from imu_rig.packet_stream import assemble_packets
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
@@ -71,7 +72,7 @@ def whole(layout, pieces, arrival_s):
 
 def assembled(layout, data, stops, arrival_s):
     """Everything that is known of a whole recording, its samples in SI units."""
-    packets = assemble_packets(layout, data, stops, arrival_s)
+    packets = assemble_packets(layout, data, stops, arrival_s)[""]
     return replace(packets, block=imu_block(layout, packets.block))
 
 

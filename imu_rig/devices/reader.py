@@ -1,16 +1,21 @@
-"""One thread that reads one port and stamps what arrives, before anything else touches it."""
+"""One thread that reads one port and stamps what arrives, before anything else touches it.
+
+A device that must be spoken to is set up before the thread starts and kept going by it.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 
-from imu_rig.clock import Clock
+from imu_rig.clock import NS_PER_S, Clock
+from imu_rig.devices.conversation import Conversation
 from imu_rig.devices.ports import DEFAULT_BAUD, Port, open_port
 
 # Constants of time.
 READ_S = 0.05  # a blocking read; also how long stop() may have to wait
 JOIN_S = 5.0  # far beyond a read and a callback
+KEEP_S = 1.0  # between what is said again to a device
 
 
 class PortReader:
@@ -29,6 +34,10 @@ class PortReader:
         Of the thread.
     baud : int
         For a URL.
+    conversation : Conversation, optional
+        What is said to the device.
+    on_sent : callable, optional
+        As ``on_bytes``, with what is written to the device.
 
     Attributes
     ----------
@@ -44,11 +53,14 @@ class PortReader:
         name: str,
         *,
         baud: int = DEFAULT_BAUD,
+        conversation: Conversation | None = None,
+        on_sent: Callable[[int, bytes], None] = lambda t_ns, data: None,
     ) -> None:
         self._open: Callable[[], Port] = (
             (lambda: open_port(port, baud=baud)) if isinstance(port, str) else port
         )
         self._clock, self._on_bytes, self._name = clock, on_bytes, name
+        self._conversation, self._on_sent = conversation, on_sent
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self.error: Exception | None = None
@@ -59,18 +71,28 @@ class PortReader:
         return self._thread is not None and self._thread.is_alive() and self.error is None
 
     def start(self) -> None:
-        """Open the port and begin to read.
+        """Open the port, set the device up where it must be, and begin to read.
 
         Raises
         ------
         PortError
             If the port cannot be opened.
+        DeviceError
+            If the device cannot be set up.
         RuntimeError
             If the reader was started before.
         """
         if self._thread is not None:
             raise RuntimeError("a reader runs once; make a new one")
         port = self._open()
+        if self._conversation is not None:
+            try:
+                self._conversation.begin(
+                    lambda data: self._write(port, data), lambda wait_s: self._take(port, wait_s)
+                )
+            except BaseException:
+                port.close()
+                raise
         self._thread = threading.Thread(
             target=self._run, args=(port,), name=f"read {self._name}", daemon=True
         )
@@ -83,16 +105,28 @@ class PortReader:
             self._thread.join(JOIN_S)
 
     def _run(self, port: Port) -> None:
+        kept_ns = self._clock.now_ns()
         try:
             while not self._stopping.is_set():
                 self._take(port, READ_S)
+                now = self._clock.now_ns()
+                if self._conversation is not None and now - kept_ns >= KEEP_S * NS_PER_S:
+                    kept_ns = now
+                    self._conversation.keep(lambda data: self._write(port, data))
             self._take(port, 0.0)  # what came while the end was asked for
         except Exception as error:  # whatever it is, the owner raises it again
             self.error = error
         finally:
             port.close()
 
-    def _take(self, port: Port, timeout_s: float) -> None:
+    def _take(self, port: Port, timeout_s: float) -> bytes:
         data = port.read(timeout_s)
         if data:
             self._on_bytes(self._clock.now_ns(), data)
+            if self._conversation is not None:
+                self._conversation.heard(data)
+        return data
+
+    def _write(self, port: Port, data: bytes) -> None:
+        self._on_sent(self._clock.now_ns(), data)
+        port.write(data)

@@ -9,6 +9,7 @@ import numpy as np
 from firmware_protocols.decoder import StreamDecoder
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.layout import PacketLayout
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.arrays import IntArray
 
 MIN_BYTES = 64
@@ -43,14 +44,14 @@ def recognize(
     return None if best is None else best[1]
 
 
-def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
+def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
     """Say in half a sentence what is wrong with bytes in place of packets, and what to do.
 
     Parameters
     ----------
     data : bytes
         A second or so of what was received.
-    layout : PacketLayout
+    protocol : DeviceProtocol
         What was expected.
     baud : int
         Baud rate in use, for the advice.
@@ -60,7 +61,7 @@ def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
             f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
             "continuously"
         )
-    if len(StreamDecoder(layout).feed(data).end):
+    if any(len(packets) for packets in protocol.decoder().feed(data).values()):
         return (
             "sent sound packets a moment ago and has fallen silent or sends damaged ones now: "
             "check its power, its cable or Bluetooth link"
@@ -76,17 +77,19 @@ def explain(data: bytes, layout: PacketLayout, baud: int) -> str:
             f"sends nothing but the byte {shown}: the baud rate ({baud}) is wrong or the line is "
             "not connected"
         )
-    distance = _usual_distance(_positions(data, layout.header))
-    if distance == layout.length:
-        return (
-            f"sends packets with the header and length of {layout.name} but another checksum: "
-            "correct the checksum in the layout file"
-        )
-    if distance is not None:
-        return (
-            f"sends the header of {layout.name} every {distance} bytes where the layout has "
-            f"{layout.length}: its firmware sends other packets; describe them in a layout file"
-        )
+    if isinstance(protocol, PacketLayout):
+        distance = _usual_distance(_positions(data, protocol.header))
+        if distance == protocol.length:
+            return (
+                f"sends packets with the header and length of {protocol.name} but another "
+                "checksum: correct the checksum in the layout file"
+            )
+        if distance is not None:
+            return (
+                f"sends the header of {protocol.name} every {distance} bytes where the layout has "
+                f"{protocol.length}: its firmware sends other packets; describe them in a layout "
+                "file"
+            )
     printable = np.isin(values, [9, 10, 13]) | ((values >= 32) & (values < 127))
     if printable.mean() >= SHARE_OF_TEXT:
         begin = data[:40].decode("ascii", errors="replace").split("\r")[0].split("\n")[0]

@@ -6,26 +6,27 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from firmware_protocols.layout import PacketLayout
-from imu_rig.arrays import FloatArray, IntArray
+from firmware_protocols.protocol import DeviceProtocol
+from firmware_protocols.rows import RowLayout
+from imu_rig.arrays import FloatArray
 from imu_rig.clock import NS_PER_S, Clock
+from imu_rig.devices.conversation import Conversation, conversation_for
 from imu_rig.devices.ports import DEFAULT_BAUD, open_port, usb_address
 from imu_rig.devices.reader import PortReader
 from imu_rig.devices.recognize import explain
-from imu_rig.errors import DeviceLost, PortError
-from imu_rig.imu_scaling import watched_fields
-from imu_rig.packet_stream import PacketBlock, PacketStream, StreamStats
+from imu_rig.errors import DeviceError, DeviceLost, PortError
+from imu_rig.packet_stream import PacketBlock, PacketStreams, StreamStats
 from imu_rig.timing.sample_order import TimeSource
 
 # Constants of time.
 RECENT_S = 2.0  # over which the rate and the kind of bytes are judged
 DECODE_S = 0.2  # of work at a time, after which the rest waits for the next poll
 LAG_S = 1.0  # over which the least lag is taken, longer than the bursts of a healthy link
+FAULT_S = 1.0  # for which a fault is named after a packet told of it
 
 STUCK_SAMPLES = 25
 """So many samples in a row with the same counts in all axes are no measurement any more."""
@@ -40,7 +41,7 @@ MAX_UNREAD_SAMPLES = 1_000_000
 
 @dataclass(frozen=True)
 class StreamHealth(StreamStats):
-    """How a device does: its counts since the start, leaps among the restarts, and more.
+    """How a port or one of its streams does: its counts since the start, leaps among the restarts.
 
     Attributes
     ----------
@@ -64,6 +65,8 @@ class StreamHealth(StreamStats):
         Unwrapped counter of the last packet; None before it and where there is none.
     error : str or None
         Why the port is not being read; None while it is.
+    faults : tuple of str
+        What the device itself told to be wrong within the last second, in words.
     """
 
     reconnects: int = 0
@@ -75,53 +78,46 @@ class StreamHealth(StreamStats):
     unread: int = 0
     counter: int | None = None
     error: str | None = None
+    faults: tuple[str, ...] = ()
 
 
-class TimedBlock(Protocol):
-    """Samples with their times; see `imu_rig.packet_stream.PacketBlock`."""
+class _Lane:
+    """What has come of one stream: packets that nobody polled for, the times of the last ones."""
 
-    @property
-    def t(self) -> FloatArray:
-        """Time of each sample [s]."""
+    def __init__(self, layout: RowLayout) -> None:
+        self.layout = layout
+        self.ready: deque[PacketBlock] = deque()
+        self.ready_samples = 0
+        self.recent = np.empty((2, 0))  # times and arrivals of the last samples [s]
+        self.packet_ns: int | None = None
+        self.counter: int | None = None
 
-    @property
-    def host_s(self) -> FloatArray:
-        """Arrival of each sample [s]."""
+    def keep(self, block: PacketBlock) -> int:
+        """Take packets in and return how many older ones were dropped for them."""
+        unread = 0
+        self.packet_ns = int(block.host_s.max() * NS_PER_S)
+        self.ready.append(block)
+        self.ready_samples += len(block)
+        if block.counter is not None:
+            self.counter = int(block.counter[-1])
+        while self.ready_samples > MAX_UNREAD_SAMPLES and len(self.ready) > 1:
+            dropped = len(self.ready.popleft())
+            self.ready_samples -= dropped
+            unread += dropped
+        fresh = np.stack((block.t, block.host_s))
+        self.recent = np.concatenate((self.recent, fresh), axis=1)[:, -RECENT_SAMPLES:]
+        return unread
 
-    @property
-    def counter(self) -> IntArray | None:
-        """Unwrapped counter."""
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-
-
-Block = TypeVar("Block", bound=TimedBlock)
-BlockOut = TypeVar("BlockOut", bound=TimedBlock, covariant=True)
-
-
-class Stream(Protocol[BlockOut]):
-    """What makes samples of bytes; see `imu_rig.packet_stream.PacketStream`."""
-
-    time_source: TimeSource
-
-    @property
-    def stats(self) -> StreamStats:
-        """Counts so far."""
-
-    @property
-    def identical(self) -> int:
-        """How many of the last samples in a row are the same."""
-
-    def feed_many(self, chunks: list[tuple[int, bytes]]) -> BlockOut:
-        """Take in bytes and return the samples that are complete."""
-
-    def cut(self) -> None:
-        """Let no packet lie on both sides of here."""
+    def take(self) -> PacketBlock:
+        """Return what is ready, once."""
+        block = PacketBlock.concatenate(self.layout, self.ready)
+        self.ready.clear()
+        self.ready_samples = 0
+        return block
 
 
-class StreamDevice(Generic[Block]):
-    """Reads one device in a thread of its own and hands out samples when polled.
+class StreamDevice:
+    """Reads one port in a thread of its own and keeps what comes until it is polled for.
 
     Safe to use from several threads. Every byte goes to ``tap`` before it is interpreted.
 
@@ -131,16 +127,14 @@ class StreamDevice(Generic[Block]):
         What people call it; used in every message.
     url : str
         Port; see `imu_rig.devices.ports.open_port`.
-    layout : PacketLayout
-        What it sends.
-    stream : Stream
-        Makes blocks of what it sends.
-    join : callable
-        Makes one block of several.
+    protocol : DeviceProtocol
+        What it speaks.
     clock : Clock
         Host clock that stamps arrivals.
     tap : callable, optional
         Called in the reader's thread with the stamp [ns] and the bytes of each read.
+    sent : callable, optional
+        The same with what is written to the device.
     baud : int
     """
 
@@ -148,64 +142,76 @@ class StreamDevice(Generic[Block]):
         self,
         name: str,
         url: str,
-        layout: PacketLayout,
-        stream: Stream[Block],
-        join: Callable[[Sequence[Block]], Block],
+        protocol: DeviceProtocol,
         clock: Clock,
         *,
         tap: Callable[[int, bytes], None] | None = None,
+        sent: Callable[[int, bytes], None] | None = None,
         baud: int = DEFAULT_BAUD,
     ) -> None:
-        self.name, self.url, self.layout, self.baud = name, url, layout, baud
-        self._clock, self._tap = clock, tap
-        self._stream, self._join = stream, join
+        self.name, self.url, self.protocol, self.baud = name, url, protocol, baud
+        self._clock, self._tap, self._sent = clock, tap, sent
+        self._streams = PacketStreams(protocol)
+        self._lanes = {stream: _Lane(layout) for stream, layout in protocol.streams.items()}
+        self._conversation: Conversation | None = None
         self._reader: PortReader | None = None
-        self._lock = threading.Lock()  # of what poll() and health share
+        self._lock = threading.Lock()  # of what polling and health share
         self._arrived = threading.Lock()  # of what the reader's thread adds
         self._chunks: deque[tuple[int, bytes]] = deque()
         self._chunk_bytes = 0
         self._raw: deque[tuple[int, bytes]] = deque()
         self._raw_bytes = 0
-        self._ready: deque[Block] = deque()
-        self._ready_samples = 0
-        self._recent = np.empty((2, 0))  # times and arrivals of the last samples [s]
         self._reconnects = self._unread = 0
         self._opened_ns = self._byte_ns = self._packet_ns = clock.now_ns()
         self._raised = False
-        self._counter: int | None = None
         self._address: str | None = None  # that stays when the device file changes
 
-    @property
-    def time_source(self) -> str:
-        """What the samples' times rest on; see `imu_rig.packet_stream.PacketStream`."""
-        return self._stream.time_source
+    def time_source(self, stream: str) -> TimeSource:
+        """Return what the times of a stream rest on."""
+        return self._streams.time_source(stream)
 
     def start(self) -> None:
-        """Open the port and begin to read.
+        """Open the port, set the device up where it must be, and begin to read.
 
         Raises
         ------
         PortError
             If the port cannot be opened.
+        DeviceError
+            If the device cannot be set up.
         """
         if self._reader is not None and self._reader.alive:
             return
         address = self._address or self.url
+        conversation = conversation_for(self.protocol)
         reader = PortReader(
-            lambda: open_port(address, baud=self.baud), self._clock, self._take, self.name
+            lambda: open_port(address, baud=self.baud),
+            self._clock,
+            self._take,
+            self.name,
+            conversation=conversation,
+            on_sent=self._sent or (lambda t_ns, data: None),
         )
-        reader.start()
+        try:
+            reader.start()
+        except DeviceError as error:
+            sentence = f"{self.name} on {self.url}: {error}"
+            raise (DeviceLost if isinstance(error, DeviceLost) else DeviceError)(
+                sentence
+            ) from error
+        self._conversation = conversation
         self._reader = reader
         self._address = self._address or usb_address(self.url)
         self._raised = False
         with self._lock:
-            ever_heard = self._stream.stats.good > 0
+            ever_heard = self._good > 0
         with self._arrived:
             self._opened_ns = self._byte_ns = self._clock.now_ns()
             if not ever_heard:
                 self._packet_ns = self._opened_ns
-            self._raw.clear()
-            self._raw_bytes = 0
+            if self._conversation is None:
+                self._raw.clear()
+                self._raw_bytes = 0
 
     def stop(self) -> None:
         """Stop reading and close the port; what was received can still be polled.
@@ -237,20 +243,25 @@ class StreamDevice(Generic[Block]):
             self._decode()
             with self._arrived:
                 self._drop_oldest(0)
-            self._stream.cut()
+            self._streams.cut()
         try:
             self.start()
-        except PortError as error:
+        except (PortError, DeviceError) as error:
             raise DeviceLost(f"{self.name} is not back: {error}") from error
         self._reconnects += 1
 
-    def poll(self) -> Block:
-        """Return all samples since the last poll: ordered, each once, time strictly increasing.
+    def poll_streams(self) -> dict[str, PacketBlock]:
+        """Return all packets since the last poll: ordered, each once, time strictly increasing.
 
         Of more than can be decoded in a moment, the rest comes with the next poll.
 
-        A lost device raises nothing here: what it sent before is worth having, and ``health``
+        A lost device raises nothing here: what it sent before is worth having, and the health
         tells.
+
+        Returns
+        -------
+        dict
+            Every stream of the protocol by its name, also those of which nothing came.
 
         Raises
         ------
@@ -259,28 +270,39 @@ class StreamDevice(Generic[Block]):
         """
         with self._lock:
             self._decode()
-            block = self._join(self._ready)
-            self._ready.clear()
-            self._ready_samples = 0
+            blocks = {stream: lane.take() for stream, lane in self._lanes.items()}
         self._raise_fault_of_tap()
-        return block
+        return blocks
 
     @property
-    def health(self) -> StreamHealth:
-        """Figures as of now."""
+    def port_health(self) -> StreamHealth:
+        """Figures of all streams together as of now; rate, lag and counter are the first's."""
+        return self._health(tuple(self._lanes))
+
+    def stream_health(self, stream: str) -> StreamHealth:
+        """Return the figures of one stream as of now."""
+        return self._health((stream,))
+
+    def _health(self, names: Sequence[str]) -> StreamHealth:
         with self._lock:
             self._decode()
-            stats = self._stream.stats
-            recent, counter = self._recent, self._counter
-            stuck = self._stream.identical >= STUCK_SAMPLES
-        now = self._clock.now_ns()
+            stats = _sum([self._streams.stats(name) for name in names])
+            lanes = [self._lanes[name] for name in names]
+            recent, counter = lanes[0].recent, lanes[0].counter
+            stuck = any(self._streams.identical(name) >= STUCK_SAMPLES for name in names)
+            now = self._clock.now_ns()
+            since_s = now / NS_PER_S - FAULT_S
+            told = [fault for name in names for fault in self._streams.faults(name, since_s)]
         with self._arrived:
-            byte_age, packet_age = now - self._byte_ns, now - self._packet_ns
-        packet_age_s = max(0, packet_age) / NS_PER_S
+            byte_age, packet_ns = now - self._byte_ns, self._packet_ns
+        if len(self._lanes) > 1:  # where there is one, duplicates too show that it is alive
+            heard = [lane.packet_ns for lane in lanes if lane.packet_ns is not None]
+            packet_ns = max(heard, default=self._opened_ns)
+        packet_age_s = max(0, now - packet_ns) / NS_PER_S
         # either way its time begins anew
-        counts = replace(stats, restarts=stats.restarts + stats.leaps)
+        counts = {**vars(stats), "restarts": stats.restarts + stats.leaps}
         return StreamHealth(
-            **vars(counts),
+            **counts,
             reconnects=self._reconnects,
             rate_hz=_rate(recent) if packet_age_s < RECENT_S else 0.0,
             last_packet_age_s=packet_age_s,
@@ -290,6 +312,7 @@ class StreamDevice(Generic[Block]):
             unread=self._unread,
             counter=counter,
             error=self._error(),
+            faults=tuple(dict.fromkeys(told)),
         )
 
     @property
@@ -315,11 +338,13 @@ class StreamDevice(Generic[Block]):
         Tells apart a lost port, silence, another known layout, a wrong checksum or length, text,
         a dead line and noise.
         """
-        health = self.health
+        health = self.port_health
         if health.error is not None:
             return health.error
         if health.good and health.last_packet_age_s < LAG_S:
             return None
+        if self._conversation is not None and self._conversation.problem is not None:
+            return f"{self.name} on {self.url} {self._conversation.problem}."
         with self._arrived:
             since = self._clock.now_ns() - int(RECENT_S * NS_PER_S)
             data = b"".join(piece for t_ns, piece in self._raw if t_ns >= since)
@@ -328,7 +353,7 @@ class StreamDevice(Generic[Block]):
                 f"{self.name} on {self.url} sends nothing: check its power, its cable or Bluetooth "
                 "link, and that this is its port."
             )
-        return f"{self.name} on {self.url} {explain(data, self.layout, self.baud)}."
+        return f"{self.name} on {self.url} {explain(data, self.protocol, self.baud)}."
 
     def _take(self, t_ns: int, data: bytes) -> None:
         """Keep what the reader read, in the reader's thread."""
@@ -370,34 +395,35 @@ class StreamDevice(Generic[Block]):
                 self._chunk_bytes -= len(chunks[-1][1])
         return chunks
 
+    @property
+    def _good(self) -> int:
+        return sum(self._streams.stats(stream).good for stream in self._lanes)
+
     def _decode_chunks(self, chunks: list[tuple[int, bytes]]) -> None:
-        good = self._stream.stats.good
-        block = self._stream.feed_many(chunks)
-        if self._stream.stats.good > good:
+        good = self._good
+        blocks = self._streams.feed_many(chunks)
+        if self._good > good:
+            came_s = max(
+                (float(block.host_s.max()) for block in blocks.values()),
+                default=chunks[-1][0] / NS_PER_S,
+            )
             with self._arrived:
-                came_s = block.host_s.max() if len(block) else chunks[-1][0] / NS_PER_S
                 self._packet_ns = max(self._packet_ns, int(came_s * NS_PER_S))
-        if len(block):
-            self._keep(block)
+        for stream, block in blocks.items():
+            self._unread += self._lanes[stream].keep(block)
 
     def _drop_oldest(self, limit: int) -> None:
         """Drop what waits to be decoded beyond a limit [bytes]; the caller holds the lock."""
         while self._chunk_bytes > limit and (len(self._chunks) > 1 or not limit):
             dropped = len(self._chunks.popleft()[1])
             self._chunk_bytes -= dropped
-            self._unread += dropped // self.layout.length
+            self._unread += dropped // self._packet_bytes
 
-    def _keep(self, block: Block) -> None:
-        self._ready.append(block)
-        self._ready_samples += len(block)
-        if block.counter is not None:
-            self._counter = int(block.counter[-1])
-        while self._ready_samples > MAX_UNREAD_SAMPLES and len(self._ready) > 1:
-            dropped = len(self._ready.popleft())
-            self._ready_samples -= dropped
-            self._unread += dropped
-        fresh = np.stack((block.t, block.host_s))
-        self._recent = np.concatenate((self._recent, fresh), axis=1)[:, -RECENT_SAMPLES:]
+    @property
+    def _packet_bytes(self) -> int:
+        """About how long a packet is."""
+        size, rate = self.protocol.bytes_per_s, self.protocol.packets_per_s
+        return max(1, round(size / rate)) if size and rate else self.protocol.longest
 
     def _error(self) -> str | None:
         if self._reader is None:
@@ -437,21 +463,25 @@ def _lag(recent: FloatArray) -> float:
     return max(0.0, float(late.min()))
 
 
-class PacketDevice(StreamDevice[PacketBlock]):
-    """Any device that sends packets of a layout; hands them out as they are."""
+def _sum(stats: Sequence[StreamStats]) -> StreamStats:
+    """Add what each stream counts; what only the port knows is the same in all."""
+    ports = ("corrupt", "skipped_bytes")
+    return StreamStats(
+        **{
+            f.name: (max if f.name in ports else sum)(getattr(s, f.name) for s in stats)
+            for f in fields(StreamStats)
+        }
+    )
 
-    def __init__(
-        self,
-        name: str,
-        url: str,
-        layout: PacketLayout,
-        clock: Clock,
-        *,
-        tap: Callable[[int, bytes], None] | None = None,
-        baud: int = DEFAULT_BAUD,
-    ) -> None:
-        def join(blocks: Sequence[PacketBlock]) -> PacketBlock:
-            return PacketBlock.concatenate(layout, blocks)
 
-        stream = PacketStream(layout, watched_fields(layout))
-        super().__init__(name, url, layout, stream, join, clock, tap=tap, baud=baud)
+class PacketDevice(StreamDevice):
+    """Any device on a port; hands out the packets of all its streams as they are."""
+
+    def poll(self) -> dict[str, PacketBlock]:
+        """Return all packets since the last poll, as `poll_streams`."""
+        return self.poll_streams()
+
+    @property
+    def health(self) -> StreamHealth:
+        """Figures of all streams together as of now, as `port_health`."""
+        return self.port_health

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from firmware_protocols.packets import values
+from firmware_protocols.rows import RowLayout
 from imu_rig.clock import NS_PER_S, Clock
 from imu_rig.devices.stream_device import PacketDevice, StreamHealth
 from imu_rig.errors import DeviceLost, ImuRigError, PortError, PortMissing
@@ -103,7 +104,8 @@ class DeviceKeeper:
         self.fault: Exception | None = None
         """What ended the keeper: a port that will never open, or a mistake of our own."""
         self._thread = threading.Thread(target=self._run, name=f"keep {setup.name}", daemon=True)
-        period = 1.0 / device.layout.rate_hz if device.layout.rate_hz else 0.0
+        rate_hz = max((layout.rate_hz or 0.0) for layout in device.protocol.streams.values())
+        period = 1.0 / rate_hz if rate_hz else 0.0
         self._silent_s = max(SILENT_S, PERIODS * period)
         self._unreadable_s = max(UNREADABLE_S, PERIODS * period)
 
@@ -237,11 +239,11 @@ class DeviceKeeper:
         self._show(state if self._heard or state == "garbled" else "waiting")
 
     def _take_packets(self) -> None:
-        block = self.device.poll()
+        stream, block = next(iter(self.device.poll().items()))
         self._health = self.device.health
         if not len(block):
             return
-        self._supply = supply_of(self.device, block)
+        self._supply = supply_of(self.device.protocol.streams[stream], block)
         if not self._heard:
             self._heard = True
             self._problem = None
@@ -317,11 +319,11 @@ class DeviceKeeper:
         self._trial.device_statistics(self._source, told)
 
 
-def supply_of(device: PacketDevice, block: PacketBlock) -> tuple[tuple[str, float, str], ...]:
+def supply_of(layout: RowLayout, block: PacketBlock) -> tuple[tuple[str, float, str], ...]:
     """Return what the newest packet of a block says of battery or supply: name, value, unit."""
     return tuple(
-        (field.name, float(values(device.layout, block.rows[-1:], field.name).flat[0]), field.unit)
-        for field in device.layout.fields
+        (field.name, float(values(layout, block.rows[-1:], field.name).flat[0]), field.unit)
+        for field in layout.fields
         if field.name.startswith(SUPPLY_WORDS) and field.type != "pad"
     )
 

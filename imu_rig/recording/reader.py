@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from firmware_protocols.layout import LayoutError, PacketLayout
+from firmware_protocols.fields import LayoutError
+from firmware_protocols.known import protocol_from_dict
+from firmware_protocols.protocol import DeviceProtocol
+from firmware_protocols.rows import RowLayout
 from imu_rig.arrays import ByteArray, IntArray
 from imu_rig.blocks import ImuBlock, Samples
 from imu_rig.clock import NS_PER_S, utc_of
@@ -83,7 +86,8 @@ class Trial:
     def __init__(self, path: Path, header: FileHeader) -> None:
         self.path = path
         self.header = header
-        self._decoded: tuple[str, PacketLayout, AssembledPackets] | None = None
+        self._decoded: tuple[str, dict[str, AssembledPackets]] | None = None
+        self._protocols: dict[str, DeviceProtocol] = {}
 
     @property
     def records(self) -> Records:
@@ -212,8 +216,13 @@ class Trial:
 
     @property
     def sensors(self) -> list[str]:
-        """Names of the sources that send packets of a known layout."""
-        return [n for n, s in self.sources.items() if isinstance(s.descriptor.get("layout"), dict)]
+        """Names of the sensors: "NAME", or "NAME/STREAM" of a source with several streams."""
+        return [
+            sensor
+            for name, source in self.sources.items()
+            if isinstance(source.descriptor.get("layout"), dict)
+            for sensor in self._sensors_of(name)
+        ]
 
     @cached_property
     def imus(self) -> list[str]:
@@ -221,18 +230,20 @@ class Trial:
         return [name for name in self.sensors if self._is_inertial(name)]
 
     def source(self, name: str) -> Source:
-        """Return a source by name.
+        """Return a source by its name, or by that of a sensor of it.
 
         Raises
         ------
         InputError
             If the trial has no such source.
         """
-        try:
+        if name in self.sources:
             return self.sources[name]
-        except KeyError:
-            known = ", ".join(one_line(source) for source in self.sources) or "none"
-            raise InputError(f"{self.path} has no source {name!r}; it has {known}.") from None
+        source, _, stream = name.rpartition("/")
+        if source in self.sources and stream in self._protocol(source).streams:
+            return self.sources[source]
+        known = ", ".join(one_line(source) for source in self.sources) or "none"
+        raise InputError(f"{self.path} has no source {name!r}; it has {known}.")
 
     def wire(self, name: str, direction: Direction = "in") -> Wire:
         """Return all that a source sent (``"in"``) or was sent (``"out"``).
@@ -374,23 +385,52 @@ class Trial:
         """Return what has become of a sensor's bytes; raises as :meth:`samples`."""
         return self._packets(name)[1].stats
 
+    def _sensors_of(self, source: str) -> list[str]:
+        try:
+            streams = self._protocol(source).streams
+        except InputError:  # its samples will say what is wrong with its layout
+            return [source]
+        return [f"{source}/{stream}" if stream else source for stream in streams]
+
     def _is_inertial(self, name: str) -> bool:
         try:
             return is_inertial(self._layout(name))
         except InputError:  # its samples will say what is wrong with its layout
             return self.source(name).kind == "imu"
 
-    def _packets(self, name: str) -> tuple[PacketLayout, AssembledPackets]:
+    def _place(self, name: str) -> tuple[str, str]:
+        """Return the source and the stream of a sensor.
+
+        A source with several streams of which one is inertial may be named without its stream.
+
+        Raises
+        ------
+        InputError
+            If there is no such sensor.
+        """
+        source = self.source(name).name
+        if name != source:
+            return source, name.removeprefix(f"{source}/")
+        protocol = self._protocol(source)
+        if len(protocol.streams) == 1:
+            return source, next(iter(protocol.streams))
+        if len(protocol.inertial_streams) == 1:
+            return source, protocol.inertial_streams[0]
+        sensors = ", ".join(repr(sensor) for sensor in self._sensors_of(source))
+        raise InputError(f"The source {name!r} of {self.path} has several sensors: {sensors}.")
+
+    def _packets(self, name: str) -> tuple[RowLayout, AssembledPackets]:
         """Decode a source; the last one asked for is kept, for its samples are asked in turns."""
-        if self._decoded is None or self._decoded[0] != name:
-            layout = self._layout(name)
-            rows, stops, data = self._bytes(name, "in")
+        source, stream = self._place(name)
+        protocol = self._protocol(source)
+        if self._decoded is None or self._decoded[0] != source:
+            rows, stops, data = self._bytes(source, "in")
             # A clock stamp out of order would be a recorder's mistake and must not spoil the rest.
             arrival_s = np.maximum.accumulate(self.records.time_ns[rows] / NS_PER_S)
-            breaks = self._losses.breaks(rows, self.source(name).id)
-            packets = assemble_packets(layout, data.data, stops, arrival_s, breaks)
-            self._decoded = name, layout, packets
-        return self._decoded[1:]
+            breaks = self._losses.breaks(rows, self.source(source).id)
+            packets = assemble_packets(protocol, data.data, stops, arrival_s, breaks)
+            self._decoded = source, packets
+        return protocol.streams[stream], self._decoded[1][stream]
 
     def _bytes(self, name: str, direction: Direction) -> tuple[IntArray, IntArray, ByteArray]:
         """Return the rows of a source's records, where each stops in its bytes, and the bytes."""
@@ -405,14 +445,22 @@ class Trial:
             _place(piece, starts, lengths[chosen], data, places[chosen])
         return rows, stops, data
 
-    def _layout(self, name: str) -> PacketLayout:
-        layout = self.source(name).descriptor.get("layout")
-        if not isinstance(layout, dict):
-            raise InputError(f"The source {name!r} of {self.path} is no sensor: it has no layout.")
-        try:
-            return PacketLayout.from_dict(layout)
-        except LayoutError as error:
-            raise InputError(f"The source {name!r} of {self.path}: {error}") from error
+    def _layout(self, name: str) -> RowLayout:
+        source, stream = self._place(name)
+        return self._protocol(source).streams[stream]
+
+    def _protocol(self, source: str) -> DeviceProtocol:
+        if source not in self._protocols:
+            layout = self.source(source).descriptor.get("layout")
+            if not isinstance(layout, dict):
+                raise InputError(
+                    f"The source {source!r} of {self.path} is no sensor: it has no layout."
+                )
+            try:
+                self._protocols[source] = protocol_from_dict(layout)
+            except LayoutError as error:
+                raise InputError(f"The source {source!r} of {self.path}: {error}") from error
+        return self._protocols[source]
 
     @cached_property
     def _losses(self) -> Losses:

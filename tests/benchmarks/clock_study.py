@@ -23,7 +23,7 @@ import numpy as np
 from firmware_protocols.layout import PacketLayout, load_layout
 from firmware_protocols.packets import encode
 from imu_rig.arrays import FloatArray
-from imu_rig.packet_stream import PacketStream, assemble_packets
+from imu_rig.packet_stream import PacketBlock, PacketStreams, assemble_packets
 from imu_rig.timing import LiveClockFit, fit_clock
 
 ORIGIN_S = 4321.0
@@ -140,7 +140,7 @@ def recorded(
     """Time a whole recording."""
     data = packets(layout, device_s)
     stops = layout.length * np.arange(1, len(device_s) + 1)
-    assembled = assemble_packets(layout, data, stops, host_s)
+    assembled = assemble_packets(layout, data, stops, host_s)[""]
     worst = max(fit.sigma_s for fit in assembled.fits)
     return Timed(assembled.block.t - true_s, np.full(len(true_s), worst))
 
@@ -150,7 +150,7 @@ def live(
 ) -> Timed:
     """Time the same packets as they arrive."""
     data, length = packets(layout, device_s), layout.length
-    stream = PacketStream(layout)
+    stream = PacketStreams(layout)
     times, sigmas = [], []
     edges = np.flatnonzero(np.diff(np.floor(host_s / POLL_S), prepend=-1.0, append=np.inf))
     for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -158,9 +158,9 @@ def live(
             (round(host_s[i] * 1e9), data[i * length : (i + 1) * length])
             for i in range(start, stop)
         ]
-        block = stream.feed_many(chunks)
+        block = stream.feed_many(chunks).get("", PacketBlock.empty(layout))
         times.append(block.t)
-        fit = stream.clock_fit
+        fit = stream.clock_fit("")
         sigmas.append(np.full(len(block), np.nan if fit is None else fit.sigma_s))
     return Timed(np.concatenate(times) - true_s, np.concatenate(sigmas))
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from one_stream import ImuStream
 
 from firmware_protocols.layout import load_layout
 from imu_rig.blocks import ImuBlock
@@ -12,7 +13,7 @@ from imu_rig.clock import ScaledClock, SystemClock
 from imu_rig.devices import stream_device
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.errors import DeviceLost, PortError
-from imu_rig.imu_stream import ImuStream, imu_block
+from imu_rig.imu_stream import imu_block
 from imu_rig.packet_stream import assemble_packets
 from imu_rig.units import STANDARD_GRAVITY
 from simulators.models import FirmwareModel
@@ -70,7 +71,7 @@ def test_samples_come_in_order_at_their_rate_and_every_byte_passes_the_tap(trans
 
     data = b"".join(piece for _, piece in tapped)
     stops = np.cumsum([len(p) for _, p in tapped])
-    packets = assemble_packets(MPU, data, stops, np.array([t for t, _ in tapped]) / 1e9)
+    packets = assemble_packets(MPU, data, stops, np.array([t for t, _ in tapped]) / 1e9)[""]
     recorded = imu_block(MPU, packets.block)
     np.testing.assert_array_equal(recorded.accel[: len(block)], block.accel)
     np.testing.assert_array_equal(recorded.host_s[: len(block)], block.host_s)
@@ -100,7 +101,7 @@ def test_times_over_the_simulated_radio_are_good_to_2_ms_after_half_a_minute():
     assert np.std(error(live)[late]) < 2e-3
     stops = np.cumsum([len(p) for _, p in pieces])
     arrival = np.array([t for t, _ in pieces]) / 1e9
-    packets = assemble_packets(MPU, b"".join(p for _, p in pieces), stops, arrival)
+    packets = assemble_packets(MPU, b"".join(p for _, p in pieces), stops, arrival)[""]
     recorded = imu_block(MPU, packets.block)
     assert np.std(error(recorded)) < 2e-3
     assert recorded.t.shape == live.t.shape

@@ -123,7 +123,7 @@ def test_a_device_can_be_stepped_through_its_recording(original):
             replay.step(SECONDS / 10)
             arrived = threading.Event()
             for _ in range(100):
-                count += len(device.poll())
+                count += len(device.poll()[""])
                 due = np.count_nonzero(original.samples(name).host_s <= replay.status.t_s)
                 if count >= due:
                     break

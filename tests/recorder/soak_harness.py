@@ -130,8 +130,9 @@ class MeasuredDevice(PacketDevice):
         self.worst_s = 0.0
         self._sum = self._count = 0.0
 
-    def poll(self) -> PacketBlock:
-        block = super().poll()
+    def poll(self) -> dict[str, PacketBlock]:
+        blocks = super().poll()
+        block = blocks[""]
         if len(block) and block.counter is not None:
             truth = self.truth.host_s((block.counter + 1) / self.truth.rate_hz)
             error = block.t - truth - DELAY_S
@@ -139,7 +140,7 @@ class MeasuredDevice(PacketDevice):
             self._count += len(error)
             if block.t[0] > START_S + 600.0:  # when the fit has its first ten minutes
                 self.worst_s = max(self.worst_s, float(np.abs(error).max()))
-        return block
+        return blocks
 
     def end_hour(self) -> None:
         self.errors.append(self._sum / max(1.0, self._count))

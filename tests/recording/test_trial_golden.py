@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 from make_golden_trial import CONFIG, CREATED_NS, HOST_NS, LAYOUT, SAMPLES, golden_trial, packet
+from one_stream import ImuStream
 
 from firmware_protocols.layout import PacketLayout
-from imu_rig.imu_stream import ImuStream
 from imu_rig.recording import open_trial
 from imu_rig.units import STANDARD_GRAVITY
 

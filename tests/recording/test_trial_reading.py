@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_record import encode_record
+from one_stream import PacketStream
 from rows_of_trials import FEW_NOTES
 
 import imu_rig
@@ -24,7 +25,6 @@ from firmware_protocols.packets import encode
 from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import SteppedClock
 from imu_rig.errors import DataError, InputError
-from imu_rig.packet_stream import PacketStream
 from imu_rig.recording import TrialWriter
 from imu_rig.recording.format import HEADER_SIZE, Kind, decode_file_header
 from imu_rig.timing import alignment_sigma_s

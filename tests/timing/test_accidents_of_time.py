@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_stream import PacketStream
 
 import imu_rig.timing
 from firmware_protocols.layout import Checksum, Field, PacketLayout
 from firmware_protocols.packets import encode
-from imu_rig.packet_stream import PacketBlock, PacketStream, StreamStats, assemble_packets
+from imu_rig.packet_stream import PacketBlock, StreamStats, assemble_packets
 from imu_rig.timing import device_time
 from imu_rig.timing.counters import wrapped_steps
 
@@ -53,7 +54,7 @@ def timed(plan, pieces, host_s, together=20):
     chunks = [(round(t * 1e9), piece) for t, piece in zip(host_s, pieces, strict=True)]
     blocks = [stream.feed_many(chunks[i : i + together]) for i in range(0, len(chunks), together)]
     stops = np.cumsum([len(piece) for piece in pieces])
-    whole = assemble_packets(plan, b"".join(pieces), stops, np.asarray(host_s))
+    whole = assemble_packets(plan, b"".join(pieces), stops, np.asarray(host_s))[""]
     return stream.stats, PacketBlock.concatenate(plan, blocks), whole
 
 
@@ -188,7 +189,7 @@ def test_packets_in_an_impossible_order_are_judged_without_an_array_each(clock, 
     number = np.random.default_rng(5).permutation(20_000)
     host = ORIGIN_S + np.arange(20_000) / 250_000
     stops = plan.length * np.arange(1, 20_001)
-    whole = assemble_packets(plan, b"".join(packets(plan, number)), stops, host)
+    whole = assemble_packets(plan, b"".join(packets(plan, number)), stops, host)[""]
     assert whole.stats.good == 20_000
     assert whole.stats.strays > 15_000
     assert made < 2_000
