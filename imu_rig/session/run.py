@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_protocols.layout import PacketLayout
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.clock import Clock
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.devices.jig import Jig, JigConfig
@@ -27,13 +27,14 @@ from imu_rig.stopping import StopRequest
 class SessionSetup:
     """Everything a session needs to know before it touches hardware.
 
-    ``maestro_device`` is the controller's Pololu device number where several share a line,
-    ``crc`` whether it expects a check byte behind every command.
+    ``layout`` is what the sensor sends, ``protocol`` where it is taken; ``maestro_device`` is the
+    controller's Pololu device number where several share a line, ``crc`` whether it expects a
+    check byte behind every command.
     """
 
     imu_url: str
     maestro_url: str
-    layout: PacketLayout
+    layout: DeviceProtocol
     jig: JigConfig
     protocol: JigProtocol
     device: str = "imu"
@@ -51,7 +52,7 @@ class SessionSetup:
 def resumed_setup(path: Path, setup: SessionSetup) -> SessionSetup:
     """Return the setup with which the stopped session in ``path`` goes on.
 
-    Protocol, jig and packet layout are those it began with, because its finished poses were
+    Protocol, jig and layout are those it began with, because its finished poses were
     measured by them; only the ports are taken from ``setup``.
 
     Raises
@@ -138,6 +139,7 @@ def run_session(
                 setup.layout,
                 clock,
                 tap=lambda t_ns, data: trial.bytes_in(imu_source, t_ns, data),
+                sent=lambda t_ns, data: trial.bytes_out(imu_source, t_ns, data),
                 baud=setup.baud,
             )
             imu.start()

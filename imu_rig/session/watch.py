@@ -18,6 +18,7 @@ from imu_rig.clock import NS_PER_S, Clock, Deadline
 from imu_rig.devices.imu import ImuDevice
 from imu_rig.devices.jig import Jig
 from imu_rig.errors import DeviceError, DeviceLost, SessionInterrupted, StorageError
+from imu_rig.foreign_text import one_line
 from imu_rig.recording.writer import TrialWriter
 from imu_rig.session import checks
 from imu_rig.session.progress import Progress
@@ -241,6 +242,8 @@ class Watch:
         if health.restarts > self._restarts:
             self._restarts = health.restarts
             self.notice(f"{self._imu.name} restarted itself (its counter or clock began anew).")
+        for fault in self._imu.port_health.faults:
+            self._notice_once(f"fault {fault}", f"{self._imu.name} says: {one_line(fault)}.")
         if health.lag_s > LAG_S:
             self._notice_once("lag", f"{self._imu.name}'s data arrive {health.lag_s:.1f} s late.")
         self._check_rate(health.rate_hz, self._imu.layout.rate_hz)
