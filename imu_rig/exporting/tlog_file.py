@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
 
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
 from imu_rig.errors import DataError, InputError
 from imu_rig.exporting.device_data import DeviceData, TrialData, inertial_fields, temperature
 from imu_rig.exporting.output import Output, Place
+from imu_rig.mavlink_dialect import mavlink, packed, sender
 
 SYSTEM = 1
 FIRST_COMPONENT = mavlink.MAV_COMP_ID_USER1
@@ -110,17 +110,17 @@ def _stream(device: DeviceData, number: int, output: Output) -> _Stream | None:
         output.notes.append(
             f"{device.name}: MAVLink has no place for {', '.join(left_out)}; left out."
         )
-    sender = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=FIRST_COMPONENT + number)
+    voice = sender(SYSTEM, FIRST_COMPONENT + number)
     if is_inertial:
         columns = {name: samples.values[name] for name in inertial}
-        return _imu_stream(sender, number, device, columns, pressure, celsius)
+        return _imu_stream(voice, number, device, columns, pressure, celsius)
     if pressure is not None:
-        return _pressure_stream(sender, device, pressure, celsius)
+        return _pressure_stream(voice, device, pressure, celsius)
     return None
 
 
 def _imu_stream(
-    sender: mavlink.MAVLink,
+    voice: mavlink.MAVLink,
     number: int,
     device: DeviceData,
     measured: dict[str, FloatArray],
@@ -147,13 +147,13 @@ def _imu_stream(
         message = mavlink.MAVLink_highres_imu_message(
             int(utc_us[row]), *numbers[row].tolist(), updated, number
         )
-        return _packed(sender, message)
+        return packed(voice, message)
 
     return _Stream(utc_us, frame)
 
 
 def _pressure_stream(
-    sender: mavlink.MAVLink, device: DeviceData, pressure: FloatArray, celsius: FloatArray | None
+    voice: mavlink.MAVLink, device: DeviceData, pressure: FloatArray, celsius: FloatArray | None
 ) -> _Stream:
     """SCALED_PRESSURE, with the trial time [ms] as the time since the start."""
     boot_ms = np.rint(device.t_us / 1000).astype(np.int64).clip(0) & 0xFFFFFFFF
@@ -167,23 +167,18 @@ def _pressure_stream(
         message = mavlink.MAVLink_scaled_pressure_message(
             int(boot_ms[row]), float(hpa[row]), 0.0, int(hundredths[row])
         )
-        return _packed(sender, message)
+        return packed(voice, message)
 
     return _Stream(device.dated_us, frame)
 
 
 def _text_stream(texts: list[tuple[int, int, str]]) -> _Stream:
     """STATUSTEXT, one message for each text or, where it is long, for each piece of it."""
-    senders: dict[int, mavlink.MAVLink] = {}
+    voices: dict[int, mavlink.MAVLink] = {}
     times, frames = [], []
     for number, (utc_us, component, text) in enumerate(texts):
-        sender = senders.setdefault(
-            component,
-            mavlink.MAVLink(
-                None,
-                srcSystem=SYSTEM,
-                srcComponent=component or mavlink.MAV_COMP_ID_ONBOARD_COMPUTER,
-            ),
+        voice = voices.setdefault(
+            component, sender(SYSTEM, component or mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
         )
         pieces = _pieces(text)
         text_id = number % 0xFFFF + 1 if len(pieces) > 1 else 0
@@ -192,7 +187,7 @@ def _text_stream(texts: list[tuple[int, int, str]]) -> _Stream:
             message = mavlink.MAVLink_statustext_message(
                 mavlink.MAV_SEVERITY_INFO, piece, text_id, place
             )
-            frames.append(_packed(sender, message))
+            frames.append(packed(voice, message))
     return _Stream(np.array(times, np.int64), frames.__getitem__)
 
 
@@ -205,12 +200,6 @@ def _pieces(text: str) -> list[bytes]:
             pieces.append(b"")
         pieces[-1] += data
     return pieces
-
-
-def _packed(sender: mavlink.MAVLink, message: mavlink.MAVLink_message) -> bytes:
-    frame: bytes = message.pack(sender)
-    sender.seq = (sender.seq + 1) % 256
-    return frame
 
 
 def _pressure_hpa(device: DeviceData) -> FloatArray | None:
