@@ -1,16 +1,23 @@
-"""What a stretch of received bytes is, if it is not what was expected."""
+"""What a stretch of received bytes is: packets of a known protocol, or what else."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_protocols.decoder import StreamDecoder
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.layout import PacketLayout
+from firmware_protocols.mavlink_frames import MAVLINK_FORMAT
+from firmware_protocols.mavlink_messages import MESSAGES
 from firmware_protocols.protocol import DeviceProtocol
+from firmware_protocols.variable_framing import find_frames
+from firmware_protocols.xsens import describe
+from firmware_protocols.xsens_frames import Mid, error_words, find_messages
 from imu_rig.arrays import IntArray
+from imu_rig.foreign_text import one_line
 
 MIN_BYTES = 64
 """Fewer tell nothing."""
@@ -20,28 +27,83 @@ SHARE_IN_ROW = 0.8
 """Of the packets found, how many must follow each other without a gap to be more than chance."""
 SHARE_OF_BYTES = 0.5
 SHARE_OF_TEXT = 0.95
+UNPROVEN_SHARE = 0.9
+"""Of the bytes, what packets of several kinds without checksums must make up."""
+
+MOST_NAMED = 5
+LONGEST_TEXT = 40
+MAVLINK_1 = 0xFE
+MEASUREMENTS = (Mid.MT_DATA, Mid.MT_DATA2)
+
+
+@dataclass(frozen=True)
+class Recognized:
+    """Packets of a known protocol.
+
+    Attributes
+    ----------
+    protocol : DeviceProtocol
+    packets : dict of str to int
+        How many were heard of each stream; none of some, perhaps.
+    share : float
+        Of all bytes, those that belong to whole packets or to other messages of the protocol.
+    """
+
+    protocol: DeviceProtocol
+    packets: dict[str, int]
+    share: float
 
 
 def recognize(
-    data: bytes, layouts: Mapping[str, PacketLayout] | None = None
-) -> PacketLayout | None:
-    """Return the layout that ``data`` are packets of, among ``layouts`` (default: built in).
+    data: bytes, protocols: Mapping[str, DeviceProtocol] | None = None
+) -> DeviceProtocol | None:
+    """Return the protocol that ``data`` are packets of, among ``protocols`` (default: built in)."""
+    found = find_protocol(data, protocols)
+    return None if found is None else found.protocol
 
-    Where several fit, the one that explains most of the bytes with the longest header and a
-    checksum wins.
+
+def find_protocol(
+    data: bytes, protocols: Mapping[str, DeviceProtocol] | None = None
+) -> Recognized | None:
+    """Return the protocol that ``data`` are packets of, and what was heard of it.
+
+    Where several fit, the one that explains most of the bytes wins, then the one with more of its
+    streams in them, a checksum, the longer header, more packets.
     """
-    best: tuple[tuple[bool, int, int], PacketLayout] | None = None
-    for layout in (builtin_protocols() if layouts is None else layouts).values():
-        if not isinstance(layout, PacketLayout):
+    best: tuple[tuple[object, ...], Recognized] | None = None
+    for protocol in (builtin_protocols() if protocols is None else protocols).values():
+        found = _fit(data, protocol)
+        if found is None:
             continue
-        ends = StreamDecoder(layout).feed(data).end
-        covered = len(ends) * layout.length
-        if not _in_rows(ends, layout) or covered < SHARE_OF_BYTES * len(data):
-            continue
-        merit = (layout.checksum is not None, len(layout.header), covered)
+        header = len(protocol.header) if isinstance(protocol, PacketLayout) else 0
+        merit = (
+            protocol.proves_packets,
+            round(found.share, 1),
+            sum(number > 0 for number in found.packets.values()),
+            header,
+            sum(found.packets.values()),
+        )
         if best is None or merit > best[0]:
-            best = merit, layout
+            best = merit, found
     return None if best is None else best[1]
+
+
+def _fit(data: bytes, protocol: DeviceProtocol) -> Recognized | None:
+    decoder = protocol.decoder()
+    streams = decoder.feed(data)
+    packets = {name: len(streams.get(name, ())) for name in protocol.streams}
+    if sum(packets.values()) < MIN_PACKETS or not data:
+        return None
+    covered = len(data) - decoder.stats.skipped_bytes - decoder.pending
+    share = max(0.0, covered / max(1, len(data) - decoder.pending))
+    if share < SHARE_OF_BYTES:
+        return None
+    if isinstance(protocol, PacketLayout):
+        if not _in_rows(streams[""].end, protocol):
+            return None
+    elif not protocol.proves_packets and share < UNPROVEN_SHARE:
+        return None
+    return Recognized(protocol, packets, share)
 
 
 def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
@@ -56,19 +118,43 @@ def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
     baud : int
         Baud rate in use, for the advice.
     """
-    if len(data) < MIN_BYTES:
-        return (
-            f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
-            "continuously"
-        )
     if any(len(packets) for packets in protocol.decoder().feed(data).values()):
         return (
             "sent sound packets a moment ago and has fallen silent or sends damaged ones now: "
             "check its power, its cable or Bluetooth link"
         )
-    other = recognize(data)
-    if other is not None:
-        return f"sends packets of the layout {other.name}: use that layout"
+    return explain_unknown(data, baud, protocol)
+
+
+def explain_unknown(
+    data: bytes,
+    baud: int,
+    expected: DeviceProtocol | None = None,
+    protocols: Mapping[str, DeviceProtocol] | None = None,
+) -> str:
+    """Say in half a sentence what bytes are that hold no packets of what was expected, if anything.
+
+    Parameters
+    ----------
+    data : bytes
+        A second or so of what was received.
+    baud : int
+        Baud rate in use, for the advice.
+    expected : DeviceProtocol, optional
+    protocols : mapping, optional
+        What to recognize; built-in ones by default.
+    """
+    spoken = find_protocol(data, protocols)
+    if spoken is not None:
+        return f"sends packets of the layout {spoken.protocol.name}: use that layout"
+    messages = other_messages(data)
+    if messages is not None:
+        return messages
+    if len(data) < MIN_BYTES:
+        return (
+            f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
+            "continuously"
+        )
     values = np.frombuffer(data, np.uint8)
     different = np.unique(values)
     if len(different) <= 2:
@@ -77,26 +163,100 @@ def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
             f"sends nothing but the byte {shown}: the baud rate ({baud}) is wrong or the line is "
             "not connected"
         )
-    if isinstance(protocol, PacketLayout):
-        distance = _usual_distance(_positions(data, protocol.header))
-        if distance == protocol.length:
+    if isinstance(expected, PacketLayout):
+        distance = _usual_distance(_positions(data, expected.header))
+        if distance == expected.length:
             return (
-                f"sends packets with the header and length of {protocol.name} but another "
+                f"sends packets with the header and length of {expected.name} but another "
                 "checksum: correct the checksum in the layout file"
             )
         if distance is not None:
             return (
-                f"sends the header of {protocol.name} every {distance} bytes where the layout has "
-                f"{protocol.length}: its firmware sends other packets; describe them in a layout "
+                f"sends the header of {expected.name} every {distance} bytes where the layout has "
+                f"{expected.length}: its firmware sends other packets; describe them in a layout "
                 "file"
             )
-    printable = np.isin(values, [9, 10, 13]) | ((values >= 32) & (values < 127))
-    if printable.mean() >= SHARE_OF_TEXT:
-        begin = data[:40].decode("ascii", errors="replace").split("\r")[0].split("\n")[0]
-        return f"sends text ({begin!r}), not packets: set it to its binary mode"
+    text = text_in(data)
+    if text is not None:
+        return f"sends text ({text!r}), not packets: set it to its binary mode"
     return (
         f"sends bytes without any packet known here: the baud rate ({baud}) is wrong, this is "
         "another device's port, or its packets are yet to be described in a layout file"
+    )
+
+
+def text_in(data: bytes) -> str | None:
+    """Return a line of the text that ``data`` are; None if they are none."""
+    values = np.frombuffer(data, np.uint8)
+    printable = np.isin(values, [9, 10, 13]) | ((values >= 32) & (values < 127))
+    if len(values) < MIN_BYTES or printable.mean() < SHARE_OF_TEXT:
+        return None
+    lines = data[: 10 * LONGEST_TEXT].decode("ascii", errors="replace").splitlines()
+    whole = lines[1:-1] or lines
+    return one_line(max(whole, key=len) if whole else "", LONGEST_TEXT)
+
+
+def other_messages(data: bytes) -> str | None:
+    """Say in half a sentence what messages of a known kind hold where none of them measures.
+
+    Returns
+    -------
+    str or None
+        None where there are no such messages.
+    """
+    return _mavlink(data) or _xsens(data)
+
+
+def _mavlink(data: bytes) -> str | None:
+    frames = find_frames(MAVLINK_FORMAT, data)
+    starts, lengths = frames.starts.tolist(), frames.lengths.tolist()
+    if not starts or sum(lengths) < SHARE_OF_BYTES * (len(data) - max(lengths)):
+        return None
+    named = {message.number: message.name for message in MESSAGES.values()}
+    counted: Counter[str] = Counter()
+    old = 0
+    for start in starts:
+        first = data[start] == MAVLINK_1
+        old += first
+        place = data[start + 5 : start + 6] if first else data[start + 7 : start + 10]
+        number = int.from_bytes(place, "little")
+        counted[named.get(number, f"message {number}")] += 1
+    shown = ", ".join(name for name, _ in counted.most_common(MOST_NAMED))
+    version = "version 1 of MAVLink" if old > len(starts) / 2 else "MAVLink"
+    heard = [name for name in counted if name.endswith("_IMU") or name.startswith("SCALED_IMU")]
+    if heard:
+        return f"speaks {version} with {heard[0]}: use the layout mavlink-... of that message"
+    return (
+        f"speaks {version} ({shown}) but sends no IMU message by itself: use the layout "
+        "mavlink-highres or mavlink-scaled, which ask for it"
+    )
+
+
+def _xsens(data: bytes) -> str | None:
+    messages, _ = find_messages(data)
+    if not messages:
+        return None
+    frames = sum(len(message.data) + 5 for message in messages)
+    if frames < SHARE_OF_BYTES * len(data) - MIN_BYTES:
+        return None
+    measured = describe(messages)
+    if measured:
+        return (
+            f"is an Xsens MTi that sends {measured}: use the layout xsens-mti or "
+            "xsens-mti-legacy, which set it up, or describe what it sends in one of your own"
+        )
+    error = next((m for m in reversed(messages) if m.mid == Mid.ERROR), None)
+    if error is not None:
+        return f"is an Xsens MTi that reports {error_words(error.data)}: switch it off and on again"
+    kinds = {message.mid for message in messages}
+    if kinds <= {Mid.WAKE_UP}:
+        return (
+            "is an Xsens MTi that has just woken up and does not measure yet: wait a second, or "
+            "use the layout xsens-mti, which starts it"
+        )
+    return (
+        "is an Xsens MTi in its Config state, which answers but does not measure: use the layout "
+        "xsens-mti or xsens-mti-legacy, which start it, or switch it off and on"
     )
 
 
