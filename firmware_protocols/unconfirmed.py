@@ -104,3 +104,67 @@ Turn the sensor a quarter turn to the left: the heading grows if this is right.
 
 XSENS_EULER_ORDER = "zyx"
 """Roll about x first, then pitch about y, then yaw about z, from memory; compare with a matrix."""
+
+MS5803_RESET_S = 2.8e-3
+"""How long an MS5803 reloads after a reset [s], from memory; read its PROM earlier and see."""
+
+MS5803_LONGEST_CONVERSION_S = {
+    256: 0.60e-3,
+    512: 1.17e-3,
+    1024: 2.28e-3,
+    2048: 4.54e-3,
+    4096: 9.04e-3,
+}
+"""Longest conversion at each oversampling [s], from memory. A read that is too early gives 0."""
+
+MS5803_PRESSURE_NOISE_PA = {256: 13.0, 512: 8.4, 1024: 5.4, 2048: 3.6, 4096: 2.4}
+"""Standard deviation of a pressure at each oversampling [Pa], from memory.
+
+The last agrees with the maker's 20 cm. Let a barometer lie still for a minute and take the scatter.
+"""
+
+MS5803_TEMPERATURE_NOISE_C = {256: 0.012, 512: 0.008, 1024: 0.005, 2048: 0.003, 4096: 0.002}
+"""The same of a temperature [degC], from memory."""
+
+MS5803_EARLY_READ_GIVES_ZERO = True
+"""A read before the end of a conversion, or a second one after it, gives 0; from memory."""
+
+MMA7260_G_SELECT = {0: (1.5, 800.0), 1: (2.0, 600.0), 2: (4.0, 300.0), 3: (6.0, 200.0)}
+"""Range [g] and sensitivity [mV/g at 3.3 V] by the pins g-Select2 and g-Select1 as one number.
+
+The figures are sure, the order of the two pins is not: if it is the other way round, 1 and 2
+change places, and a sensor at rest reads 2 g or 0.5 g there.
+"""
+
+MMA7260_SENSITIVITY_TOLERANCE = 0.075
+MMA7260_CROSS_AXIS = 0.05
+MMA7260_ZERO_TOLERANCE_V = 0.165
+"""Share of the sensitivity, of the other axes, and volts off the middle at 3.3 V, from memory."""
+
+MMA7260_BANDWIDTH_HZ = (350.0, 350.0, 150.0)
+MMA7260_NOISE_UG = 350.0
+"""Bandwidth of the three axes and noise density [ug per root hertz], from memory.
+
+The scatter of a sensor at rest, sampled at 100 Hz, is 8 mg in x and y if both are right.
+"""
+
+MMA7260_SWING_V = 0.25
+"""The output stays so far from ground and supply [V], from memory.
+
+Shake it hard at +-6 g: that is where the readings stop.
+"""
+
+XSENS_MTI_NOISE = {
+    "xsens-mti": {"gyro_dps": 0.01, "accel_ug": 80.0, "mag_ut": 0.05},
+    "xsens-mti-legacy": {"gyro_dps": 0.05, "accel_ug": 200.0, "mag_ut": 0.05},
+}
+"""White noise per root hertz of the two generations, and of one sample of the magnetic field.
+
+Typical figures of their data sheets, from memory. A still recording and `imu-rig noise` tell.
+"""
+
+XSENS_MTI_RANGE = {
+    "xsens-mti": {"accel": 50.0, "gyro_dps": 450.0},
+    "xsens-mti-legacy": {"accel": 50.0, "gyro_dps": 300.0},
+}
+"""Full scale of the standard versions [m/s2, deg/s], from memory; units are sold with others."""
