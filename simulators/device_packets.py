@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from firmware_protocols.layout import Field, PacketLayout
+from firmware_protocols.ms5803 import counts_for
 from firmware_protocols.packets import encode, quantize
 from imu_rig.arrays import FloatArray
 from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, STANDARD_GRAVITY
+from simulators.ms5803_chip import typical_prom
 
 LOOP_S = 8.0
 """The motion repeats after this; every frequency in it is a whole number of turns per loop."""
@@ -80,10 +82,15 @@ class DevicePackets:
 def _loop(layout: PacketLayout, number: int, rng: np.random.Generator) -> Columns:
     """Return the counts of every measured field over one loop."""
     turn = 2 * math.pi * np.arange(number) / number
-    motion = _motion(turn, LOOP_S, rng)
-    loop: Columns = {}
+    motion = loop_motion(turn, LOOP_S, rng)
+    loop = _barometer(layout, turn)
+    # a range setting stays on the one that the readings are counted in
+    settings = {f.scale_by: f.scales[0][0] for f in layout.fields if f.scale_by is not None}
     for field in layout.fields:
-        if field.type == "pad":
+        if field.type == "pad" or field.name in loop:
+            continue
+        if field.name in settings:
+            loop[field.name] = np.full(number, settings[field.name], dtype=np.int64)
             continue
         shape = (number, field.count) if field.count > 1 else (number,)
         values = _values(field, motion, turn)
@@ -94,7 +101,27 @@ def _loop(layout: PacketLayout, number: int, rng: np.random.Generator) -> Column
     return loop
 
 
-def _motion(turn: FloatArray, loop_s: float, rng: np.random.Generator) -> dict[str, FloatArray]:
+def _barometer(layout: PacketLayout, turn: FloatArray) -> Columns:
+    """Return what a barometer of the MS5803 family counts, where the layout has one."""
+    raw = layout.barometer
+    if raw is None:
+        return {}
+    prom = typical_prom(raw.variant)
+    d1, d2 = counts_for(raw.variant, prom, air_pressure(turn), air_temperature(turn))
+    return {raw.prom: np.tile(prom, (len(turn), 1)), raw.d1: d1, raw.d2: d2}
+
+
+def air_pressure(turn: FloatArray) -> FloatArray:
+    """Return the pressure of the air over one loop [Pa]."""
+    return 101_325.0 + 12.0 * np.sin(turn)
+
+
+def air_temperature(turn: FloatArray) -> FloatArray:
+    """Return the temperature of the sensor over one loop [degC]."""
+    return 31.0 + 0.2 * np.sin(turn)
+
+
+def loop_motion(turn: FloatArray, loop_s: float, rng: np.random.Generator) -> dict[str, FloatArray]:
     """Return specific force, rate and field on the sensor's axes, in SI units and uT, with noise.
 
     The rates are the derivatives of the attitude that turns gravity and field.
@@ -145,9 +172,9 @@ def _values(field: Field, motion: dict[str, FloatArray], turn: FloatArray) -> Fl
         case "mag":
             return motion["mag"] / FIELD_UNITS.get(field.unit, 1.0)
         case "temperature":
-            return 31.0 + 0.2 * np.sin(turn)
+            return air_temperature(turn)
         case "pressure":
-            return (101_325.0 + 12.0 * np.sin(turn)) / PRESSURE_UNITS.get(field.unit, 1.0)
+            return air_pressure(turn) / PRESSURE_UNITS.get(field.unit, 1.0)
         case _:
             return None
 

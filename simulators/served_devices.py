@@ -1,8 +1,8 @@
 """Many sending devices on ports of this machine, cheaply: what a recorder is tried with.
 
-Each sends packets of its layout at its own rate and by its own clock, and can be unplugged,
-silenced or made to send garbage at any moment; what it sent is known by counter. For a jig with
-its sensor and the physics between them there is `simulators.rig`.
+Each speaks its protocol at its own rate and by its own clock, and can be unplugged, silenced or
+made to send garbage at any moment; what it sent is known by counter, for each of its streams. For
+a jig with its sensor and the physics between them there is `simulators.rig`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Self
 
 import numpy as np
 
-from firmware_protocols.layout import PacketLayout, load_layout
+from firmware_protocols.known import load_protocol
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.clock import NS_PER_S, Clock, SystemClock
-from simulators.device_packets import DevicePackets
+from simulators.device_voices import Voice, voices_of
 from simulators.maestro_board import MaestroBoard
 from simulators.maestro_motion import TICK_S
 from simulators.models import MaestroModel
@@ -31,12 +32,10 @@ SHORTEST_WAIT_S = 0.001
 """Shortest wait of the machine's time."""
 
 LISTEN_PUMPS = 8
-"""What clients write is thrown away, and new ones let in, every so many looks."""
+"""What clients write is read, and new ones let in, every so many looks."""
 
-AHEAD_S = 0.5
-"""So much is made at once, of at most ``MOST_AHEAD`` packets."""
-
-MOST_AHEAD = 2000
+GARBAGE_BYTES = 28
+"""So many random bytes stand for a packet."""
 
 
 class ServedDevices:
@@ -83,7 +82,7 @@ class ServedDevices:
     def add(
         self,
         name: str,
-        layout: PacketLayout | str,
+        protocol: DeviceProtocol | str,
         rate_hz: float | None = None,
         *,
         seed: int = 0,
@@ -96,10 +95,10 @@ class ServedDevices:
         ----------
         name : str
             For the methods below.
-        layout : PacketLayout or str
-            What it sends, or the name of it.
+        protocol : DeviceProtocol or str
+            What it speaks, or the name of it.
         rate_hz : float, optional
-            Packets per second by the device's clock; otherwise that of the layout.
+            Packets per second by the device's clock; otherwise that of its layout.
         seed : int
             Of its signals and bursts.
         skew_ppm : float
@@ -107,15 +106,18 @@ class ServedDevices:
         burst_s : float
             Longest time that a radio holds packets back before it sends them at once; 0 for a
             cable.
+
+        Raises
+        ------
+        ValueError
+            If nothing here speaks that protocol, or its rate is not known.
         """
-        made_of = load_layout(layout) if isinstance(layout, str) else layout
-        rate = rate_hz or made_of.rate_hz
-        if rate is None:
-            raise ValueError(f"layout {made_of.name} states no rate; give one")
+        spoken = load_protocol(protocol) if isinstance(protocol, str) else protocol
+        voices = voices_of(spoken, rate_hz, seed)
         with self._lock:
             port = self._new_port(name)
             self._devices[name] = _Device(
-                port, made_of, rate, self.clock.now_ns(), seed, skew_ppm, burst_s
+                port, voices, self.clock.now_ns(), seed, skew_ppm, burst_s
             )
             return port.url
 
@@ -136,10 +138,15 @@ class ServedDevices:
         with self._lock:
             (self._devices.get(name) or self._servos[name]).port.plug()
 
-    def silence(self, name: str, on: bool = True) -> None:
-        """Send nothing, or send again; the port stays and the device counts on."""
+    def silence(self, name: str, on: bool = True, *, stream: str | None = None) -> None:
+        """Send nothing, or send again; the port stays and the device counts on.
+
+        With a stream, as that of a unit whose radio is out of reach, the others go on.
+        """
         with self._lock:
-            self._devices[name].silent = on
+            for lane in self._devices[name].lanes.values():
+                if stream in (None, lane.voice.stream):
+                    lane.silent = on
 
     def garbage(self, name: str, on: bool = True) -> None:
         """Send random bytes in place of packets, or packets again."""
@@ -152,18 +159,19 @@ class ServedDevices:
             self._devices[name].restart(self.clock.now_ns())
 
     def sent(self, name: str) -> int:
-        """Return how many packets were handed to a client that had the port open."""
+        """Return how many samples were handed to a client that had the port open."""
         with self._lock:
-            return self._devices[name].sent
+            return sum(lane.sent for lane in self._devices[name].lanes.values())
 
-    def counters(self, name: str) -> list[tuple[int, int]]:
-        """Return first and last number of every unbroken run of packets that were handed out.
+    def counters(self, name: str, stream: str | None = None) -> list[tuple[int, int]]:
+        """Return first and last number of every unbroken run of samples that were handed out.
 
-        Packets are numbered from 0 at the device's start; what goes over the wire is that number
-        modulo the counter's type.
+        Samples are numbered from 0 at the device's start; what goes over the wire is that number
+        modulo the counter's type. Of several streams the first, where none is named.
         """
         with self._lock:
-            return list(self._devices[name].runs)
+            lanes = self._devices[name].lanes
+            return list(lanes[next(iter(lanes)) if stream is None else stream].runs)
 
     def dropped(self, name: str) -> int:
         """Return bytes of those handed out that were lost because the client did not read."""
@@ -185,9 +193,7 @@ class ServedDevices:
                     listen = looks % LISTEN_PUMPS == 0
                     looks += 1
                     for device in self._devices.values():
-                        if listen:
-                            device.port.read()
-                        device.serve(self.clock.now_ns())
+                        device.serve(self.clock.now_ns(), listen=listen)
                     for servos in self._servos.values():
                         servos.serve(self.clock.now_ns())
         finally:  # clients must see that nobody serves them any more
@@ -198,92 +204,127 @@ class ServedDevices:
                     servos.unplug()
 
 
+class _Lane:
+    """One stream of a device: what it made up to a moment, and what became of it."""
+
+    def __init__(self, voice: Voice) -> None:
+        self.voice = voice
+        self.silent = False
+        self.sent = 0
+        self.runs: list[tuple[int, int]] = []
+        self._next = 0  # number of the sample to be sent next
+        self._since_s, self._since = 0.0, 0  # since when, and from which sample, at this rate
+        self._rate_hz = voice.rate_hz
+        self._unbroken = False
+
+    def restart(self) -> bytes:
+        self._next = self._since = 0
+        self._since_s = 0.0
+        self._unbroken = False
+        said = self.voice.restart()
+        self._rate_hz = self.voice.rate_hz
+        return said
+
+    def interrupt(self) -> None:
+        self._unbroken = False
+
+    def due(self, now_s: float) -> int:
+        """Return how many samples there should be by now, by the device's clock."""
+        if self.voice.rate_hz != self._rate_hz:  # it was told to
+            self._since_s, self._since = now_s, self._next
+            self._rate_hz = self.voice.rate_hz
+        return self._since + math.floor((now_s - self._since_s) * self._rate_hz)
+
+    def pass_by(self, due: int) -> int:
+        """Let samples pass that nobody hears; return how many."""
+        first, self._next = self._next, max(self._next, due)
+        if self._next > first:
+            self.voice.skip(first, self._next)
+            self._unbroken = False
+        return self._next - first
+
+    def tell(self, due: int) -> bytes:
+        """Return what goes out with the samples that are due."""
+        first = self._next
+        if due <= first:
+            return b""
+        said = self.voice.say(first, due)
+        self._next = due
+        for number, packet in enumerate(said, first):
+            if not packet:
+                self._unbroken = False
+                continue
+            self.sent += 1
+            if self._unbroken:
+                self.runs[-1] = (self.runs[-1][0], number)
+            else:
+                self.runs.append((number, number))
+            self._unbroken = True
+        return b"".join(said)
+
+
 class _Device:
-    """One device: what it made up to a moment, and what became of it."""
+    """One device: its streams, its clock, and what is wrong with it."""
 
     def __init__(
         self,
         port: SimulatedPort,
-        layout: PacketLayout,
-        rate_hz: float,
+        voices: list[Voice],
         start_ns: int,
         seed: int,
         skew_ppm: float,
         burst_s: float,
     ) -> None:
         self.port = port
-        self.silent = self.garbled = False
-        self.sent = 0
-        self.runs: list[tuple[int, int]] = []
-        self._packets = DevicePackets(layout, rate_hz, seed)
-        self._length = layout.length
-        self._own_rate_hz = rate_hz
-        self._rate_hz = rate_hz * (1.0 + skew_ppm * 1e-6)
+        self.garbled = False
+        self.lanes = {voice.stream: _Lane(voice) for voice in voices}
+        self._speed = 1.0 + skew_ppm * 1e-6
         self._start_ns = start_ns
         self._rng = np.random.default_rng((seed, 1))
         self._burst_s = burst_s
         self._burst_ns = start_ns
-        self._next = 0  # number of the packet to be sent next
-        self._ahead = memoryview(b"")
-        self._ahead_from = 0  # number of the packet that it begins with
-        self._unbroken = False
 
     def restart(self, now_ns: int) -> None:
         self._start_ns = now_ns
-        self._next = 0
-        self._ahead, self._ahead_from = memoryview(b""), 0
-        self._packets.reset_clock()
-        self._unbroken = False
+        said = b"".join(lane.restart() for lane in self.lanes.values())
+        if said and self._heard:
+            self.port.write(said)
 
     def unplug(self) -> None:
         self.port.unplug()
-        self._unbroken = False
+        for lane in self.lanes.values():
+            lane.interrupt()
 
-    def serve(self, now_ns: int) -> None:
-        """Send what is due."""
+    @property
+    def _heard(self) -> bool:
+        return self.port.plugged and self.port.connected
+
+    def serve(self, now_ns: int, *, listen: bool) -> None:
+        """Send what is due, after an answer to what was said."""
+        now_s = (now_ns - self._start_ns) / NS_PER_S * self._speed
+        if listen and (data := self.port.read()):
+            self._catch_up(now_s)
+            for lane in self.lanes.values():
+                if answer := lane.voice.hear(data, now_s):
+                    self.port.write(answer)
         if self._burst_s > 0:
             if now_ns < self._burst_ns:
                 return
             wait_s = float(self._rng.uniform(0.1, 1.0)) * self._burst_s
             self._burst_ns = now_ns + round(wait_s * NS_PER_S)
-        due = math.floor((now_ns - self._start_ns) / NS_PER_S * self._rate_hz)
-        if due <= self._next:
-            return
-        if self.silent or not self.port.plugged or not self.port.connected:
-            self._next = due
-            self._unbroken = False
-            return
-        if self.garbled:
-            self.port.write(self._rng.bytes((due - self._next) * self._length))
-            self._unbroken = False
-        else:
-            self._send(due)
-        self._next = due
+        self._catch_up(now_s)
 
-    def _send(self, due: int) -> None:
-        first = self._next
-        while self._next < due:
-            taken = min(due, self._made_until()) - self._next
-            if taken <= 0:
-                self._make()
-                continue
-            start = (self._next - self._ahead_from) * self._length
-            self.port.write(self._ahead[start : start + taken * self._length])
-            self._next += taken
-        self.sent += due - first
-        if self._unbroken:
-            self.runs[-1] = (self.runs[-1][0], due - 1)
-        else:
-            self.runs.append((first, due - 1))
-        self._unbroken = True
-
-    def _made_until(self) -> int:
-        return self._ahead_from + len(self._ahead) // self._length
-
-    def _make(self) -> None:
-        number = min(MOST_AHEAD, max(1, round(AHEAD_S * self._own_rate_hz)))
-        self._ahead = memoryview(self._packets.make(self._next, number))
-        self._ahead_from = self._next
+    def _catch_up(self, now_s: float) -> None:
+        """Send all that is due by now."""
+        heard = self._heard
+        for lane in self.lanes.values():
+            due = lane.due(now_s)
+            if lane.silent or not heard or self.garbled:
+                passed = lane.pass_by(due)
+                if heard and self.garbled and not lane.silent:
+                    self.port.write(self._rng.bytes(passed * GARBAGE_BYTES))
+            elif said := lane.tell(due):
+                self.port.write(said)
 
 
 class _Servos:
