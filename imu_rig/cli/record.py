@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imu_rig.cli.device_options import Devices, LayoutName, SetupFile, Simulated
 from imu_rig.cli.hardware import MaestroCrc, MaestroDevice, MaestroPort
 from imu_rig.cli.options import Quiet, named
 from imu_rig.cli.terminal import fitted
@@ -30,38 +31,17 @@ if TYPE_CHECKING:
 DEFAULT_OUTPUT = Path("recordings")
 DEFAULT_MAX_LOSS = 5.0
 WAIT_S = 30.0  # for required devices where nobody sits at a terminal
-MOST_SIMULATED = 16
-SIMULATED_SKEW_PPM = 10.0  # of the first device's clock; the second's is twice as wrong ...
 
 
 def record(
-    device: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--device",
-            "-d",
-            help='A device: PORT or NAME=PORT, as in "left shoe=/dev/ttyUSB0". What is unusual '
-            "follows, with commas: layout=FILE, baud=230400, certificate=FILE, optional. Repeat "
-            "it for each device.",
-        ),
-    ] = None,
-    setup: Annotated[
-        Path | None,
-        typer.Option(
-            "--setup", help="TOML file of devices, jig and trial; options replace and add."
-        ),
-    ] = None,
-    layout: Annotated[
-        str | None,
-        typer.Option("--layout", help="Packet layout of every --device that states none."),
-    ] = None,
+    device: Devices = None,
+    setup: SetupFile = None,
+    layout: LayoutName = None,
     certificate: Annotated[
         Path | None,
         typer.Option("--certificate", help="Certificate of the device, if there is only one."),
     ] = None,
-    simulate: Annotated[
-        int, typer.Option("--simulate", help="Record so many simulated devices instead.")
-    ] = 0,
+    simulate: Simulated = None,
     maestro: MaestroPort = None,
     jig: Annotated[
         str | None,
@@ -118,9 +98,13 @@ def record(
     if wait is None and not _somebody_watches():
         wait = WAIT_S
     with contextlib.ExitStack() as stack:
-        if simulate and (device or setup is not None):
+        if simulate is not None and (device or setup is not None):
             raise InputError("Give either --simulate or devices of your own, not both.")
-        simulated = stack.enter_context(_simulated(simulate, layout)) if simulate else ()
+        simulated: tuple[DeviceSetup, ...] = ()
+        if simulate is not None:
+            from imu_rig.cli.simulated_devices import simulated_devices
+
+            simulated = stack.enter_context(simulated_devices(simulate, layout))
         plan = setup_from(
             Options(
                 setup=setup,
@@ -248,27 +232,6 @@ def _folder(output: Path, part: str) -> Iterator[Path]:
         with contextlib.suppress(OSError):  # not empty
             for made in missing:
                 made.rmdir()
-
-
-@contextlib.contextmanager
-def _simulated(count: int, layout: str | None) -> Iterator[tuple[DeviceSetup, ...]]:
-    """Serve devices that are not there."""
-    from firmware_protocols.layout import DEFAULT_LAYOUT_NAME
-    from imu_rig.recorder.setup import DeviceSetup
-    from simulators.served_devices import ServedDevices
-
-    if not 1 <= count <= MOST_SIMULATED:
-        raise InputError(f"--simulate takes 1 to {MOST_SIMULATED} devices, not {count}.")
-    with ServedDevices(transport="tcp" if sys.platform == "win32" else "pty") as served:
-        devices = []
-        for number in range(1, count + 1):
-            name = f"simulated {number}"
-            setup = DeviceSetup(name=name, port="none", layout=layout or DEFAULT_LAYOUT_NAME)
-            port = served.add(
-                name, setup.packet_layout(), seed=number, skew_ppm=SIMULATED_SKEW_PPM * number
-            )
-            devices.append(setup.model_copy(update={"port": port}))
-        yield tuple(devices)
 
 
 def _somebody_watches() -> bool:

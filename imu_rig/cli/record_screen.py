@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 from imu_rig.cli.view import BAR_WIDTH, bar
@@ -34,11 +35,13 @@ _STATE_STYLE = {
 
 def plain_line(status: RecorderStatus) -> str:
     """Return one line for a log."""
-    live = [d for d in status.devices if d.state == "live"]
-    others = [f"{one_line(d.name, 40)} {d.state}" for d in status.devices if d.state != "live"]
+    rows = status.rows
+    live = [d for d in rows if d.state == "live"]
+    others = [f"{one_line(d.name, 40)} {d.state}" for d in rows if d.state != "live"]
+    others += [f"{one_line(d.name, 40)}: {', '.join(faults_of(d))}" for d in rows if d.faults]
     parts = [
         f"{clock(status.elapsed_s)} {status.state}",
-        f"{len(live)} of {len(status.devices)} live, {sum(d.rate_hz for d in live):.0f} packets/s, "
+        f"{len(live)} of {len(rows)} live, {sum(d.rate_hz for d in live):.0f} packets/s, "
         f"{sum(d.lost for d in status.devices)} lost",
         size(status.file_bytes),
     ]
@@ -68,12 +71,12 @@ def screen(
     from rich.text import Text
 
     room = max(FEWEST_ROWS, height - FRAME_LINES)
-    rows = min(len(status.devices), max(FEWEST_ROWS, room * 2 // 3))
+    rows = min(len(status.rows), max(FEWEST_ROWS, room * 2 // 3))
     parts: list[RenderableType] = [
         _head(status, width),
         _file(status, marker, width),
         Text(),
-        _devices(status.devices, rows, width),
+        _devices(status.rows, rows, width),
     ]
     sentences = _sentences(status, width, max(2, room - rows))
     if sentences is not None:
@@ -88,12 +91,12 @@ def _head(status: RecorderStatus, width: int) -> Text:
     from rich.text import Text
 
     waiting = sum(d.required and d.state == "waiting" for d in status.devices)
-    gone = [d for d in status.devices if d.required and d.state not in ("waiting", "live")]
+    gone = [d for d in status.rows if d.required and d.state not in ("waiting", "live")]
     words = {
         "starting": ("STARTING", "bold yellow"),
         "waiting": (f"WAITING for {waiting or 'required'} device{'s'[: waiting != 1]}", "bold red"),
         "recording": (
-            (f"● RECORDING without {_named(gone)}", "bold red")
+            (f"● RECORDING without {named(gone)}", "bold red")
             if gone
             else ("● RECORDING", "bold green")
         ),
@@ -112,7 +115,8 @@ def _head(status: RecorderStatus, width: int) -> Text:
     return line
 
 
-def _named(devices: list[DeviceStatus]) -> str:
+def named(devices: list[DeviceStatus]) -> str:
+    """Return the name of one device, or the number of several."""
     return one_line(devices[0].name, 24) if len(devices) == 1 else f"{len(devices)} devices"
 
 
@@ -180,9 +184,9 @@ def _devices(devices: tuple[DeviceStatus, ...], rows: int, width: int) -> Render
         table.add_column(title, justify=justify, no_wrap=True, overflow="ellipsis", min_width=least)
     shown = _chosen(devices, rows)
     for d in shown:
-        style = _state_style(d)
+        style = state_style(d)
         rate = f"{d.rate_hz:.1f}" if d.rate_hz and d.state == "live" else "–"
-        heard = "never" if d.state == "waiting" and not d.packets else _age(d.age_s)
+        heard = "never" if d.state == "waiting" and not d.packets else age(d.age_s)
         cells = {
             "state": Text(d.state, style),
             "Hz": Text(rate, "" if rate != "–" else "dim"),
@@ -209,7 +213,8 @@ def _chosen(devices: tuple[DeviceStatus, ...], rows: int) -> list[DeviceStatus]:
     return [devices[i] for i in sorted(by_need[: rows - 1])]
 
 
-def _state_style(device: DeviceStatus) -> str:
+def state_style(device: DeviceStatus) -> str:
+    """Return the style in which the state of a device is told."""
     if device.state == "waiting" and device.required:
         return "bold red"
     return _STATE_STYLE[device.state]
@@ -217,10 +222,6 @@ def _state_style(device: DeviceStatus) -> str:
 
 def _sentences(status: RecorderStatus, width: int, most_lines: int) -> Table | None:
     """Say what is wrong, each in a sentence that begins with whose it is."""
-    from rich.cells import cell_len
-    from rich.table import Table
-    from rich.text import Text
-
     told: list[tuple[str, str]] = []
     if status.problem:
         told.append((status.problem, "red"))
@@ -230,14 +231,40 @@ def _sentences(status: RecorderStatus, width: int, most_lines: int) -> Table | N
             told.append((f"The disk will be full before the planned end: {_SPACE}", "red"))
         elif status.disk_left_s < VERY_SHORT_S:
             told.append((f"The disk is almost full: {_SPACE}", "red"))
-    told += [
-        (
-            d.problem if d.name in d.problem else f"{d.name}: {d.problem}",
-            "red" if d.required else "yellow",
-        )
-        for d in status.devices
-        if d.problem
-    ]
+    return sentences([*told, *troubles(status.rows)], width, most_lines)
+
+
+def troubles(rows: Sequence[DeviceStatus]) -> list[tuple[str, str]]:
+    """Say what is wrong with devices, each sentence with its style and only once."""
+    told = []
+    for d in rows:
+        if d.problem:
+            words = d.problem if d.name.split("/")[0] in d.problem else f"{d.name}: {d.problem}"
+            told.append((words, "red" if d.required else "yellow"))
+        if d.stuck:
+            told.append(
+                (
+                    f"{d.name} sends the same values all the time: its sensor is stuck; switch it "
+                    "off and on.",
+                    "red",
+                )
+            )
+        if d.faults:
+            told.append((f"{d.name} reports: {', '.join(faults_of(d))}.", "yellow"))
+    return list(dict.fromkeys(told))
+
+
+def faults_of(device: DeviceStatus) -> list[str]:
+    """Return what a device says is wrong with it, fit for a terminal."""
+    return [one_line(fault, 80) for fault in device.faults]
+
+
+def sentences(told: Sequence[tuple[str, str]], width: int, most_lines: int) -> Table | None:
+    """Draw sentences with their styles, as many as find room; None where there are none."""
+    from rich.cells import cell_len
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table.grid(padding=(0, 1))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -260,7 +287,8 @@ def _supply(device: DeviceStatus) -> str:
     return f"{value:.{decimals}f} {one_line(unit, 4)}".strip()
 
 
-def _age(seconds: float) -> str:
+def age(seconds: float) -> str:
+    """Return how long ago something was."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     if seconds < 120:

@@ -17,14 +17,18 @@ _LONG_UNITS = {"": "s", "sec": "s", "second": "s", "m": "min", "minute": "min", 
 _PART = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)\s*")
 DEVICE_FORM = (
     "write --device NAME=PORT, or PORT alone, then what differs from the usual: "
-    '"left shoe=/dev/ttyUSB0,layout=baro-16,baud=230400,certificate=left.json,optional"'
+    '"left shoe=/dev/ttyUSB0,layout=baro-16,baud=230400,certificate=left.json,optional", or '
+    "optional=STREAM for one of several on its port"
 )
 ONE_NAME = "imu"
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the command, as they were typed; None or empty where they were not."""
+    """Options of the command, as they were typed; None or empty where they were not.
+
+    ``doing`` is what the command does with devices, for sentences.
+    """
 
     setup: Path | None = None
     devices: Sequence[str] = ()
@@ -39,6 +43,7 @@ class Options:
     session: str | None = None
     trial: str | None = None
     note: str | None = None
+    doing: str = "record"
 
 
 def setup_from(options: Options, more: Sequence[DeviceSetup] = ()) -> TrialSetup:
@@ -77,7 +82,7 @@ def setup_from(options: Options, more: Sequence[DeviceSetup] = ()) -> TrialSetup
         }
     if not devices:
         raise InputError(
-            "Nothing to record: name a device with --device PORT, devices in a file with "
+            f"Nothing to {options.doing}: name a device with --device PORT, devices in a file with "
             "--setup FILE, or try it without hardware by --simulate 2."
         )
     words = {
@@ -128,6 +133,8 @@ def device_from(text: str, known: Any = ()) -> DeviceSetup:
         key, equals, value = (part.strip() for part in setting.partition("="))
         if key == "optional" and not equals:
             values["required"] = False
+        elif key == "optional" and value:
+            values["optional_streams"] = (*values.get("optional_streams", ()), value)
         elif key in ("layout", "baud", "certificate") and value:
             values[key] = value
         else:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 UNSURE_S = 0.5  # of times; less is a slow link, more in a short trial is a clock that errs
 NAME_WIDTH = 20
+WIDTH = 78
 MOST_BYTES_AT_ONCE = 20_000_000
 """A larger file is not read again at the end to state its uncertainty of time."""
 
@@ -52,7 +53,7 @@ def times_of(outcome: RecordingOutcome, stop: StopRequest) -> Times:
         return times
     with contextlib.suppress(ImuRigError, OSError), Working("Reading the file again"):
         trial = open_trial(outcome.path)
-        for device in outcome.devices:
+        for device in outcome.rows:
             if stop.brief or stop.hurry:
                 break
             if not device.packets:
@@ -73,7 +74,7 @@ def times_of(outcome: RecordingOutcome, stop: StopRequest) -> Times:
 def shortfalls(outcome: RecordingOutcome, max_loss: float, times: Times = UNKNOWN) -> list[str]:
     """Say in sentences what a recording is not that it should be; ``max_loss`` is 0 to 1."""
     told = [f"{one_line(name, 60)}: {problem}." for name, problem in times.problems.items()]
-    for device in outcome.devices:
+    for device in outcome.rows:
         name = one_line(device.name, 60)
         if not device.required:
             continue
@@ -115,10 +116,10 @@ def summary_lines(outcome: RecordingOutcome, times: Times = UNKNOWN) -> list[str
         ended.get(outcome.reason, outcome.reason),
     ]
     lines = [str(outcome.path), f"  {', '.join(facts)}", ""]
-    names = [_short(device.name) for device in outcome.devices]
+    names = [_short(device.name) for device in outcome.rows]
     width = max(map(len, [*names, "device"]))
     lines.append(f"  {'device':{width}}{'packets':>10}{'Hz':>8}{'lost':>17}{'gaps':>6}{'time':>11}")
-    for name, device in zip(names, outcome.devices, strict=True):
+    for name, device in zip(names, outcome.rows, strict=True):
         rate = f"{device.rate_hz:.1f}" if device.rate_hz else "–"
         lost = losses(device.lost, device.loss)
         time = uncertainty(times.uncertainty_s.get(device.name))
@@ -127,10 +128,15 @@ def summary_lines(outcome: RecordingOutcome, times: Times = UNKNOWN) -> list[str
         )
     gone = [
         f"  {name}: {device.state} at the end"
-        for name, device in zip(names, outcome.devices, strict=True)
+        for name, device in zip(names, outcome.rows, strict=True)
         if device.state != "live"
     ]
     lines += ["", *gone] if gone else []
+    for device in outcome.rows:
+        if device.fault_counts:
+            faults = ", ".join(one_line(fault, 60) for fault, _ in device.fault_counts)
+            told = textwrap.wrap(f"{one_line(device.name, 60)} reported: {faults}", WIDTH)
+            lines += ["", *(f"  {line}" for line in told)]
     file = shlex.quote(str(outcome.path))
     lines += ["", f"  imu-rig info {file}", f"  imu-rig export {file} --to csv"]
     return lines

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig import __version__
 from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import NS_PER_S, Clock, Deadline, SystemClock
 from imu_rig.devices.stream_device import PacketDevice
 from imu_rig.errors import DeviceError, PortError
-from imu_rig.imu_scaling import is_inertial
 from imu_rig.recorder.jig_keeper import JigKeeper
 from imu_rig.recorder.keeper import DeviceKeeper, final_fault
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.recorder.status import RecorderState, RecorderStatus
-from imu_rig.recording.format import MARKER, TRIAL_KIND
+from imu_rig.recording.format import MARKER, RECORD_OVERHEAD, TRIAL_KIND
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.writer import TrialWriter
@@ -95,8 +95,8 @@ class Recorder:
         self._setup, self._path, self._clock = setup, path, clock
         self._stop = stop or StopRequest()
         self._observe, self._notify, self._wait_s = observe, notify, wait_s
-        layouts = [device.packet_layout() for device in setup.devices]
-        self._layouts = dict(zip(setup.devices, layouts, strict=True))
+        protocols = [device.protocol() for device in setup.devices]
+        self._protocols = dict(zip(setup.devices, protocols, strict=True))
         self._certificates = {
             device: load_certificate(device.certificate).model_dump(mode="json")
             for device in setup.devices
@@ -179,10 +179,7 @@ class Recorder:
     def _planned_bytes(self) -> int:
         if self._setup.duration_s is None:
             return 0
-        rate = sum(
-            UNKNOWN_RATE if layout.rate_hz is None else layout.rate_hz * (layout.length + 28)
-            for layout in self._layouts.values()
-        )
+        rate = sum(_planned_rate(protocol) for protocol in self._protocols.values())
         return int(rate * self._setup.duration_s)
 
     def _open(self, trial: TrialWriter) -> None:
@@ -196,24 +193,33 @@ class Recorder:
             keeper.start()
 
     def _keeper(self, device: DeviceSetup, trial: TrialWriter) -> DeviceKeeper:
-        layout = self._layouts[device]
+        protocol = self._protocols[device]
         descriptor: dict[str, Any] = {
-            "layout": layout.to_dict(),
+            "layout": protocol.to_dict(),
             "url": device.port,
             "baud": device.baud,
             "required": device.required,
         }
         if device in self._certificates:
             descriptor["certificate"] = self._certificates[device]
-        kind = "imu" if is_inertial(layout) else "sensor"
+        kind = "imu" if protocol.inertial_streams else "sensor"
         source = trial.add_source(device.name, kind, descriptor)
 
         def keep(t_ns: int, data: bytes) -> None:
             self._received = True
             trial.bytes_in(source, t_ns, data)
 
+        def keep_sent(t_ns: int, data: bytes) -> None:
+            trial.bytes_out(source, t_ns, data)
+
         reader = PacketDevice(
-            device.name, device.port, layout, self._clock, tap=keep, baud=device.baud
+            device.name,
+            device.port,
+            protocol,
+            self._clock,
+            tap=keep,
+            sent=keep_sent,
+            baud=device.baud,
         )
         return DeviceKeeper(device, reader, trial, source, self._clock, self._notify)
 
@@ -325,3 +331,9 @@ class Recorder:
             return self._options.file_system.free_bytes(self._path.parent)
         except OSError:
             return None
+
+
+def _planned_rate(protocol: DeviceProtocol) -> float:
+    """Bytes per second in the file: of the packets, each in a record of its own at worst."""
+    size, rate = protocol.bytes_per_s, protocol.packets_per_s
+    return UNKNOWN_RATE if size is None or rate is None else size + rate * RECORD_OVERHEAD

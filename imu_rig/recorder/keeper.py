@@ -1,101 +1,83 @@
-"""Keeps one device of a recording alive: opens it, watches it, opens it again, records each gap."""
+"""Keeps one port of a recording alive: opens it, watches it, opens it again, records each gap."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
 
-from firmware_protocols.packets import values
-from firmware_protocols.rows import RowLayout
 from imu_rig.clock import NS_PER_S, Clock
-from imu_rig.devices.stream_device import PacketDevice, StreamHealth
-from imu_rig.errors import DeviceLost, ImuRigError, PortError, PortMissing
+from imu_rig.devices.stream_device import PacketDevice
+from imu_rig.errors import DeviceError, ImuRigError, PortError, PortMissing
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.setup import DeviceSetup
 from imu_rig.recorder.status import DeviceState, DeviceStatus
-from imu_rig.recording.format import SILENT, UNPLUGGED, UNREADABLE
-from imu_rig.recording.writer import TrialWriter
+from imu_rig.recorder.stream_watch import REASONS, KeptLog, StreamWatch, statistics_of, together
 
 # Constants of time.
 WATCH_S = 0.1  # between looks at a port
 DECODE_S = 0.2  # between looks at what it sent
 STATISTICS_S = 1.0  # between records of how it does
-SILENT_S = 0.6  # without a byte, or five periods of a slow device: something is wrong
-UNREADABLE_S = 0.7  # of bytes without a packet, likewise
-PERIODS = 5
 RETRY_S = 0.25  # between attempts to open a port that has gone
+TALK_RETRY_S = 1.0  # likewise, of a device that is there and does not do as it is told
 REVIVE_S = 2.0  # of silence before an open port is opened again, then twice as long each time ...
 LONGEST_REVIVE_S = 30.0  # ... up to this: opening resets some boards
 ASK_S = 1.0  # between looks at why nothing comes that can be read
 
-SUPPLY_WORDS = ("battery", "supply", "voltage")
-
-REASONS: dict[DeviceState, str] = {
-    "lost": UNPLUGGED,
-    "silent": SILENT,
-    "garbled": UNREADABLE,
-}
-
-STATISTICS = (
-    "state",
-    "rate_hz",
-    "packets",
-    "lost",
-    "corrupt",
-    "duplicates",
-    "restarts",
-    "reconnects",
-    "gaps",
-)
-"""What of a device's status is recorded."""
-
-
-@dataclass
-class _Gap:
-    """A stretch without packets: when its first is missing, and the counter before it."""
-
-    start_ns: int
-    reason: str
-    counter: int | None
-    restarts: int
+Blocks = Mapping[str, PacketBlock]
 
 
 class DeviceKeeper:
-    """One device of a recording, kept by a thread of its own.
+    """One port of a recording with all its streams, kept by a thread of its own.
 
     Parameters
     ----------
     setup : DeviceSetup
     device : PacketDevice
-        Its bytes must go to ``trial`` by its tap.
-    trial : TrialWriter
+        Its bytes must go to ``log`` by its tap, where they are to be kept.
+    log : KeptLog
+        Takes gaps and statistics; a `TrialWriter`.
     source : int
         Number of the device in the trial.
     clock : Clock
     notify : callable
         Takes a sentence for people; called from the keeper's thread.
+    take : callable, optional
+        Takes what came since the last look, by stream; in the keeper's thread.
+    look_s : float
+        Between looks at what came.
     """
 
     def __init__(
         self,
         setup: DeviceSetup,
         device: PacketDevice,
-        trial: TrialWriter,
+        log: KeptLog,
         source: int,
         clock: Clock,
         notify: Callable[[str], None],
+        *,
+        take: Callable[[Blocks], None] = lambda blocks: None,
+        look_s: float = DECODE_S,
     ) -> None:
         self.setup = setup
         self.device = device
-        self._trial, self._source, self._clock, self._notify = trial, source, clock, notify
-        self._status = DeviceStatus(setup.name, setup.port, required=setup.required)
-        self._health = StreamHealth()
-        self._gap: _Gap | None = None
-        self._gaps = 0
-        self._supply: tuple[tuple[str, float, str], ...] = ()
-        self._heard = False
-        self._problem: str | None = None
+        self._log, self._source, self._clock, self._take = log, source, clock, take
+        self._look_s = look_s
+        self._watches = {
+            name: StreamWatch(
+                name,
+                setup.name,
+                setup.port,
+                layout,
+                required=setup.required and name not in setup.optional_streams,
+                log=log,
+                source=source,
+                notify=notify,
+            )
+            for name, layout in device.protocol.streams.items()
+        }
+        self._show_port()
+        self._problem: str | None = None  # of the port as a whole
         self._revive_s = REVIVE_S
         self._asked_ns = clock.now_ns()
         self._stopping = threading.Event()
@@ -104,10 +86,8 @@ class DeviceKeeper:
         self.fault: Exception | None = None
         """What ended the keeper: a port that will never open, or a mistake of our own."""
         self._thread = threading.Thread(target=self._run, name=f"keep {setup.name}", daemon=True)
-        rate_hz = max((layout.rate_hz or 0.0) for layout in device.protocol.streams.values())
-        period = 1.0 / rate_hz if rate_hz else 0.0
-        self._silent_s = max(SILENT_S, PERIODS * period)
-        self._unreadable_s = max(UNREADABLE_S, PERIODS * period)
+        self._silent_s = min(watch.silent_s for watch in self._watches.values())
+        self._unreadable_s = min(watch.unreadable_s for watch in self._watches.values())
 
     @property
     def status(self) -> DeviceStatus:
@@ -116,8 +96,10 @@ class DeviceKeeper:
 
     @property
     def heard(self) -> bool:
-        """Whether a good packet ever came."""
-        return self._heard
+        """Whether a good packet of every required stream ever came; of any where none is."""
+        watches = self._watches.values()
+        needed = [watch for watch in watches if watch.status.required]
+        return all(w.heard for w in needed) if needed else any(w.heard for w in watches)
 
     def start(self) -> None:
         """Begin; returns at once."""
@@ -139,13 +121,13 @@ class DeviceKeeper:
             while not self._stopping.is_set():
                 now = self._clock.now_ns()
                 self._watch_port(now)
-                if now - decoded_ns >= DECODE_S * NS_PER_S:
+                if now - decoded_ns >= self._look_s * NS_PER_S:
                     decoded_ns = now
                     self._look(now)
                 if now - told_ns >= STATISTICS_S * NS_PER_S:
                     told_ns += int(STATISTICS_S * NS_PER_S)
                     self._tell()
-                self._wait(WATCH_S)
+                self._wait(min(WATCH_S, self._look_s))
         except Exception as error:  # the recorder raises it in its own thread
             self.fault = error
         finally:
@@ -153,7 +135,7 @@ class DeviceKeeper:
             try:
                 self.device.stop()
                 self._take_packets()
-                self._show(self._status.state)
+                self._show_all(None)
                 self._tell()
             except Exception as error:
                 self.fault = self.fault or error
@@ -162,7 +144,7 @@ class DeviceKeeper:
         self._stopping.wait(seconds / self._clock.speed)
 
     def _open_first(self) -> None:
-        """Open the port, waiting for one that is not there.
+        """Open the port, waiting for one that is not there or a device that is not ready.
 
         A port that is refused is final only for a required device, at the first attempt: nobody
         walks yet. Later it may be busy for a moment, as when another program looks at what was
@@ -171,30 +153,35 @@ class DeviceKeeper:
         while not self._stopping.is_set():
             try:
                 self.device.start()
-            except PortError as error:
+            except (PortError, DeviceError) as error:
                 first = not self.tried.is_set()
-                if first and self.setup.required and not isinstance(error, PortMissing):
+                refused = isinstance(error, PortError) and not isinstance(error, PortMissing)
+                if first and self.setup.required and refused:
                     raise
-                self._problem = str(error)
-                self._show("waiting")
+                self._complain(str(error))
+                self._take_packets()
+                self._show_all("waiting")
                 self.tried.set()
-                self._wait(RETRY_S)
+                self._wait(RETRY_S if isinstance(error, PortError) else TALK_RETRY_S)
             else:
-                self._problem = None
+                self._complain(None)
                 self.tried.set()
                 return
 
     def _watch_port(self, now: int) -> None:
         """Notice a port that has gone and open it again."""
+        watches = self._watches.values()
         if not self.device.running:
-            if self._gap is None or self._gap.reason != REASONS["lost"]:
+            if any(watch.gap_reason != REASONS["lost"] for watch in watches):
                 self._take_packets()
-                self._problem = self.device.health.error
-                self._begin_gap("lost")
+                self._complain(self.device.health.error)
+                for watch in watches:
+                    if watch.gap_reason != REASONS["lost"]:
+                        watch.begin_gap("lost", now)
+                self._show_port()
             self._reopen()
         elif (
-            self._gap is not None
-            and self._status.state == "silent"
+            all(watch.in_gap and watch.status.state == "silent" for watch in watches)
             and now - self.device.last_byte_ns > self._revive_s * NS_PER_S
         ):
             self._reopen()
@@ -203,129 +190,92 @@ class DeviceKeeper:
     def _reopen(self) -> None:
         try:
             self.device.reopen()
-        except DeviceLost as error:
-            self._problem = str(error)
+        except DeviceError as error:
+            self._complain(str(error))
             self._wait(RETRY_S)
 
     def _look(self, now: int) -> None:
-        """Decode what came and judge the state by it."""
+        """Decode what came and judge the state of every stream by it."""
         self._take_packets()
-        health = self._health
         byte_age_s = (now - self.device.last_byte_ns) / NS_PER_S
         open_s = (now - self.device.opened_ns) / NS_PER_S
-        if not self.device.running:
-            self._show("lost" if self._heard else "waiting")
-        elif health.good and health.last_packet_age_s <= self._silent_s:
-            self._show("live")
-        elif byte_age_s > self._silent_s:
-            self._doubt("silent", now)
-        elif min(health.last_packet_age_s, open_s) > self._unreadable_s:
-            self._doubt("garbled", now)
-        else:  # opened a moment ago, or the first half second of trouble
-            self._show(self._status.state)
+        watches = self._watches.values()
+        others_come = any(watch.fresh for watch in watches)
+        for watch in watches:
+            age_s = watch.health.last_packet_age_s
+            if not self.device.running:
+                watch.show("lost" if watch.heard else "waiting")
+            elif watch.fresh:
+                watch.show("live")
+            elif byte_age_s > self._silent_s:
+                self._doubt(watch, "silent", now)
+            elif others_come:
+                if min(age_s, open_s) > watch.silent_s:
+                    self._miss(watch, now)
+                else:
+                    watch.show(watch.status.state)
+            elif min(age_s, open_s) > self._unreadable_s:
+                self._doubt(watch, "garbled", now)
+            else:  # opened a moment ago, or the first half second of trouble
+                watch.show(watch.status.state)
+        self._show_port()
 
-    def _doubt(self, state: DeviceState, now: int) -> None:
-        """Take note of a device that sends nothing that can be read."""
+    def _doubt(self, watch: StreamWatch, state: DeviceState, now: int) -> None:
+        """Take note of a port that sends nothing that can be read."""
         if now - self._asked_ns > ASK_S * NS_PER_S:
             self._asked_ns = now
-            self._problem = self.device.identify_problem() or self._problem
-        if self._heard and self._gap is None:
+            problem = self.device.identify_problem()
+            if problem is not None:
+                self._complain(problem)
+        if watch.heard and not watch.in_gap:
             what = "nothing" if state == "silent" else "nothing that can be read"
-            self._problem = self._problem or (
+            watch.problem = watch.problem or (
                 f"{self.setup.name} on {self.setup.port} sends {what} any more: check its power, "
                 "its cable or Bluetooth link."
             )
-            self._begin_gap(state)
-        self._show(state if self._heard or state == "garbled" else "waiting")
+            watch.begin_gap(state, now)
+        watch.show(state if watch.heard or state == "garbled" else "waiting")
+
+    def _miss(self, watch: StreamWatch, now: int) -> None:
+        """Take note of a stream that is missing while others of its port go on."""
+        going = [w.stream for w in self._watches.values() if w.fresh]
+        others = ", ".join(going)
+        watch.problem = (
+            f"{watch.name} sends nothing{' any more' if watch.heard else ''} while {others} of the "
+            f"same port {'goes' if len(going) == 1 else 'go'} on: check the power and the radio of "
+            f"{watch.stream}, or whether it is switched off in the device."
+        )
+        if watch.heard and not watch.in_gap:
+            watch.begin_gap("silent", now)
+        watch.show("silent" if watch.heard else "waiting")
+
+    def _complain(self, problem: str | None) -> None:
+        """Tell of the port as a whole, for every stream that does not come."""
+        self._problem = problem
+        for watch in self._watches.values():
+            watch.problem = problem
 
     def _take_packets(self) -> None:
-        stream, block = next(iter(self.device.poll().items()))
-        self._health = self.device.health
-        if not len(block):
-            return
-        self._supply = supply_of(self.device.protocol.streams[stream], block)
-        if not self._heard:
-            self._heard = True
-            self._problem = None
-        if self._gap is not None and block.host_s[-1] * NS_PER_S > self._gap.start_ns:
-            self._end_gap(block)
-        self._revive_s = REVIVE_S
+        blocks = self.device.poll()
+        came = False
+        for name, watch in self._watches.items():
+            came |= watch.take(blocks.get(name), self.device.stream_health(name))
+        if came:
+            self._revive_s = REVIVE_S
+            self._take(blocks)
 
-    def _begin_gap(self, state: DeviceState) -> None:
-        if self._gap is not None:  # was silent, and now its port has gone
-            self._gap.reason = REASONS[state]
-        else:
-            health = self._health
-            last_ns = self._clock.now_ns() - int(health.last_packet_age_s * NS_PER_S)
-            self._gap = _Gap(last_ns, REASONS[state], health.counter, health.restarts)
-            self._gaps += 1
-        self._record_gap({})
-        if self._heard:
-            self._notify(self._problem or f"{self.setup.name} is {state}.")
-        self._show(state)
+    def _show_all(self, state: DeviceState | None) -> None:
+        for watch in self._watches.values():
+            watch.show(state or watch.status.state)
+        self._show_port()
 
-    def _end_gap(self, block: PacketBlock) -> None:
-        gap = self._gap
-        if gap is None:
-            return
-        fresh = block.host_s * NS_PER_S > gap.start_ns
-        first = int(fresh.argmax())
-        host_s = float(block.host_s[first])
-        restarted = self._health.restarts > gap.restarts
-        after = None if block.counter is None else int(block.counter[first])
-        self._record_gap(
-            {
-                "until_s": self._trial.t_s(int(host_s * NS_PER_S)),
-                "counter_after": after,
-                "restarted": restarted,
-            }
-        )
-        seconds = host_s - gap.start_ns / NS_PER_S
-        told = f"{self.setup.name} is back after {seconds:.1f} s"
-        if restarted:
-            told += "; it has started anew"
-        elif after is not None and gap.counter is not None and after > gap.counter:
-            told += f"; {after - gap.counter - 1} packets are missing by its counter"
-        self._notify(f"{told}.")
-        self._gap, self._problem = None, None
-
-    def _record_gap(self, more: dict[str, object]) -> None:
-        """Write the gap as far as it is known; a later record of it completes an earlier one."""
-        gap = self._gap
-        if gap is not None:
-            known = {"counter_before": gap.counter, **more}
-            self._trial.gap(self._source, gap.start_ns, gap.reason, **known)
-
-    def _show(self, state: DeviceState) -> None:
-        health = self._health
-        self._status = replace(
-            self._status,
-            state=state,
-            rate_hz=health.rate_hz,
-            packets=health.good,
-            lost=health.lost,
-            corrupt=health.corrupt,
-            duplicates=health.duplicates,
-            restarts=health.restarts,
-            reconnects=health.reconnects,
-            gaps=self._gaps,
-            age_s=health.last_packet_age_s,
-            supply=self._supply,
-            problem=None if state == "live" else self._problem,
-        )
+    def _show_port(self) -> None:
+        """Make the status that others see."""
+        rows = tuple(watch.status for watch in self._watches.values())
+        self._status = together(self.setup.name, rows, required=self.setup.required)
 
     def _tell(self) -> None:
-        told = {name: getattr(self._status, name) for name in STATISTICS}
-        self._trial.device_statistics(self._source, told)
-
-
-def supply_of(layout: RowLayout, block: PacketBlock) -> tuple[tuple[str, float, str], ...]:
-    """Return what the newest packet of a block says of battery or supply: name, value, unit."""
-    return tuple(
-        (field.name, float(values(layout, block.rows[-1:], field.name).flat[0]), field.unit)
-        for field in layout.fields
-        if field.name.startswith(SUPPLY_WORDS) and field.type != "pad"
-    )
+        self._log.device_statistics(self._source, statistics_of(self._status))
 
 
 def final_fault(keeper: DeviceKeeper) -> ImuRigError | None:

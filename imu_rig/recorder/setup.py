@@ -8,7 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError, PacketLayout, load_layout
+from firmware_protocols.known import load_protocol
+from firmware_protocols.layout import DEFAULT_LAYOUT_NAME, LayoutError
+from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.devices.ports import DEFAULT_BAUD
 from imu_rig.errors import InputError
 from imu_rig.files import parse_toml, read_small
@@ -38,10 +40,12 @@ class DeviceSetup(_Model):
     port : str
         A path, ``COM5``, ``socket://host:port``, or ``usb:SERIAL`` / ``usb:VID:PID:SERIAL``.
     layout : str
-        Name of a built-in packet layout, or a file.
+        What it speaks: name of a built-in packet layout or protocol, or a file.
     baud : int
     required : bool
         Whether the trial is worth nothing without it.
+    optional_streams : tuple of str
+        Those of several streams on its port that may stay away.
     certificate : Path or None
         Of its calibration; kept in the trial beside the raw bytes.
     """
@@ -51,6 +55,7 @@ class DeviceSetup(_Model):
     layout: str = DEFAULT_LAYOUT_NAME
     baud: Annotated[int, Field(ge=50, le=20_000_000)] = DEFAULT_BAUD
     required: bool = True
+    optional_streams: Annotated[tuple[Name, ...], Field(max_length=64)] = ()
     certificate: Path | None = None
 
     @field_validator("name")
@@ -67,18 +72,25 @@ class DeviceSetup(_Model):
             raise ValueError("a port has no control characters in its name")
         return port
 
-    def packet_layout(self) -> PacketLayout:
-        """Load the packet layout.
+    def protocol(self) -> DeviceProtocol:
+        """Load what it speaks.
 
         Raises
         ------
         InputError
-            If there is none of that name, or the file cannot be used.
+            If there is none of that name, or the file cannot be used; if a stream is called
+            optional that it does not have.
         """
         try:
-            return load_layout(self.layout)
+            protocol = load_protocol(self.layout)
         except LayoutError as error:
             raise InputError(f"Device {self.name!r}: {error}") from error
+        for stream in self.optional_streams:
+            if stream not in protocol.streams:
+                names = ", ".join(name for name in protocol.streams if name)
+                has = f"its streams are {names}" if names else "it sends one stream only"
+                raise InputError(f"Device {self.name!r}: {stream!r} cannot be optional, for {has}.")
+        return protocol
 
 
 class JigSetup(_Model):

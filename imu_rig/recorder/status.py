@@ -16,25 +16,38 @@ RecorderState = Literal["starting", "waiting", "recording", "stopping", "ended"]
 
 @dataclass(frozen=True)
 class DeviceStatus:
-    """How one device does.
+    """How one device does, or one of the streams that share its port.
 
     Attributes
     ----------
     name, port : str
+        A stream of several goes by "DEVICE/STREAM".
     state : str
+        Of a device with several streams that of the one that is worst off.
     required : bool
     rate_hz : float
         Packets per second by the device's own clock; 0 while none come.
     packets, lost, corrupt, duplicates, restarts : int
-        Since the start; see `imu_rig.packet_stream.StreamStats`.
+        Since the start; see `imu_rig.packet_stream.StreamStats`. Nobody knows of which stream a
+        corrupt packet was: it counts for the port, and stands with each of its streams.
     reconnects, gaps : int
         How often its port was opened again; stretches without it that were recorded.
     age_s : float
         Since its last good packet.
+    lag_s : float
+        How much later than usual its freshest packets arrived.
+    stuck : bool
+        Whether its last samples are all the same, which no sensor's are.
+    faults : tuple of str
+        What the device itself says is wrong with it, now.
+    fault_counts : tuple of (str, int)
+        Every fault that it ever told of, and in how many looks at it, a few a second.
     supply : tuple of (str, float, str)
         Name, value and unit of each field that tells of a battery or supply, where it sends one.
     problem : str or None
         One sentence; None while it is live.
+    streams : tuple of DeviceStatus
+        How each of several streams does; empty where there is one.
     """
 
     name: str
@@ -50,8 +63,18 @@ class DeviceStatus:
     reconnects: int = 0
     gaps: int = 0
     age_s: float = 0.0
+    lag_s: float = 0.0
+    stuck: bool = False
+    faults: tuple[str, ...] = ()
+    fault_counts: tuple[tuple[str, int], ...] = ()
     supply: tuple[tuple[str, float, str], ...] = ()
     problem: str | None = None
+    streams: tuple[DeviceStatus, ...] = ()
+
+    @property
+    def rows(self) -> tuple[DeviceStatus, ...]:
+        """What has a row of its own in a table: each stream, or the device itself."""
+        return self.streams or (self,)
 
     @property
     def loss(self) -> float:
@@ -106,3 +129,8 @@ class RecorderStatus:
     markers: int = 0
     devices: tuple[DeviceStatus, ...] = field(default_factory=tuple)
     problem: str | None = None
+
+    @property
+    def rows(self) -> tuple[DeviceStatus, ...]:
+        """Every stream of every device."""
+        return tuple(row for device in self.devices for row in device.rows)

@@ -45,6 +45,8 @@ IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorde
 MARKER, RESUMED = "marker", "resumed"  # events
 UNPLUGGED, SILENT, UNREADABLE = "unplugged", "silent", "unreadable"  # reasons of gaps
 DAMAGE = "damage"  # likewise, in a repaired file
+STREAM = "stream"  # of a gap: which of several streams of its source
+STREAMS = "streams"  # of statistics: those of each stream by its name
 
 
 class Kind(enum.IntEnum):

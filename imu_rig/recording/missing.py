@@ -10,7 +10,7 @@ from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from imu_rig.clock import NS_PER_S
 from imu_rig.packet_stream import AssembledPackets
 from imu_rig.recording.contents import Gap, Missing
-from imu_rig.recording.format import DAMAGE, SILENT, TRIAL, UNREADABLE, Kind
+from imu_rig.recording.format import DAMAGE, SILENT, STREAM, TRIAL, UNREADABLE, Kind
 from imu_rig.recording.scan import Records
 
 SILENCE_S = 1.0  # without a packet, after which packets without counter and clock count as missing
@@ -63,11 +63,12 @@ class Losses:
 
     @staticmethod
     def of(records: Records, gaps: list[tuple[int, Gap]], resumed_rows: IntArray) -> Losses:
-        """Bring together gap records, given by row, of the same source and time."""
-        firsts: dict[tuple[int, int], int] = {}
+        """Bring together gap records, given by row, of the same source, stream and time."""
+        firsts: dict[tuple[int, str, int], int] = {}
         stated = []
         for row, gap in gaps:
-            first = firsts.setdefault((gap.source, int(records.time_ns[row])), row)
+            key = (gap.source, str(gap.fields.get(STREAM, "")), int(records.time_ns[row]))
+            first = firsts.setdefault(key, row)
             stated.append((row, gap, first))
         return Losses(records, stated, resumed_rows)
 
@@ -98,8 +99,11 @@ class Losses:
         breaks[after[(after > 0) & (after < len(rows))]] = True
         return breaks
 
-    def causes(self, number: int, duration_s: float) -> list[Cause]:
-        """Return why bytes of a source may be missing, each with the arrival of those after it."""
+    def causes(self, number: int, stream: str, duration_s: float) -> list[Cause]:
+        """Return why packets of a stream may be missing, each with the arrival of bytes after it.
+
+        A gap that names no stream is one of every stream of its source.
+        """
         records = self.records
         rows = np.flatnonzero((records.kind == Kind.BYTES_IN) & (records.source == number))
         arrival_s = np.maximum.accumulate(records.time_ns[rows]) / NS_PER_S
@@ -112,7 +116,7 @@ class Losses:
         for row, gap in self._last_stated:
             if gap.source == TRIAL and after(row) < np.inf:  # of any source
                 causes.append(Cause(after(row), None, _reason(gap)))
-            elif gap.source == number:
+            elif gap.source == number and gap.fields.get(STREAM, stream) == stream:
                 until_s, back_s = gap.fields.get("until_s"), after(row)
                 if isinstance(until_s, int | float) and 0 <= until_s <= duration_s:
                     back_s = until_s - ROUNDING_S

@@ -31,6 +31,7 @@ from imu_rig.recording.format import (
     IMPORTED_FROM,
     MARKER,
     RESUMED,
+    STREAMS,
     TRIAL,
     FileHeader,
     Kind,
@@ -162,12 +163,24 @@ class Trial:
     def device_statistics(self, name: str) -> list[tuple[float, dict[str, Any]]]:
         """How a device was doing, as trial time [s] and counts since the start.
 
+        Of a source with several streams, all together, or those of one under "NAME/STREAM".
+
         Raises
         ------
         InputError
             If the trial has no such source.
         """
-        return self._statistics(self.source(name).id)
+        source = self.source(name)
+        told = self._statistics(source.id)
+        if name == source.name:
+            return told
+        stream = name.removeprefix(f"{source.name}/")
+        return [
+            (t, values)
+            for t, of_port in told
+            if isinstance(streams := of_port.get(STREAMS), dict)
+            and isinstance(values := streams.get(stream), dict)
+        ]
 
     @property
     def start_utc_ns(self) -> int | None:
@@ -337,7 +350,8 @@ class Trial:
             As :meth:`samples`.
         """
         _, packets = self._packets(name)
-        causes = self._losses.causes(self.source(name).id, self.duration_s)
+        source, stream = self._place(name)
+        causes = self._losses.causes(self.source(source).id, stream, self.duration_s)
         return missing_samples(packets, causes, self.duration_s)
 
     def time_uncertainty_s(self, name: str) -> float:

@@ -251,18 +251,23 @@ class RecordedWires:
 
     def _unpluggings(self) -> list[TimedChunk]:
         """When ports vanished and came back, in order of time."""
-        stated: dict[tuple[int, float], object] = {}
-        for gap in self._trial.gaps:  # a later record of the same gap knows more
+        stated: dict[str, list[tuple[int, int | None]]] = {}
+        for gap in self._trial.gaps:
             if gap.source in self._names and gap.fields.get("reason") == UNPLUGGED:
-                stated[gap.source, gap.t] = gap.fields.get("until_s")
+                until = gap.fields.get("until_s")
+                back = (
+                    _ns(until)
+                    if isinstance(until, int | float)
+                    else self._next_bytes(gap.source, gap.t)
+                )
+                stated.setdefault(self._names[gap.source], []).append((_ns(gap.t), back))
         found = []
-        for (number, t), until in stated.items():
-            name = self._names[number]
-            gone = self._replayed_ns(_ns(t))
-            back = _ns(until) if isinstance(until, int | float) else self._next_bytes(number, t)
-            found.append(TimedChunk(gone, name, "unplug", b""))
-            if back is not None:
-                found.append(TimedChunk(max(gone, self._replayed_ns(back)), name, "plug", b""))
+        for name, spans in stated.items():
+            for begin, end in _common(spans):
+                gone = self._replayed_ns(begin)
+                found.append(TimedChunk(gone, name, "unplug", b""))
+                if end is not None:
+                    found.append(TimedChunk(max(gone, self._replayed_ns(end)), name, "plug", b""))
         return sorted(found, key=lambda chunk: chunk.t_ns)
 
     def _next_bytes(self, number: int, t: float) -> int | None:
@@ -305,6 +310,22 @@ class RecordedWires:
                         data = read_exactly(file, size, path)
                     what: What = "in" if kind == Kind.BYTES_IN else "out"
                     yield TimedChunk(t_ns, self._names[number], what, data)
+
+
+def _common(spans: list[tuple[int, int | None]]) -> list[tuple[int, int | None]]:
+    """Return what overlapping spans have in common, in order; one without an end goes on.
+
+    Each of several streams of a port states its own gap when the port vanishes.
+    """
+    found: list[tuple[int, int | None]] = []
+    for begin, end in sorted(spans, key=lambda span: span[0]):
+        last = found[-1] if found else None
+        if last is None or (last[1] is not None and begin >= last[1]):
+            found.append((begin, end))
+        else:
+            ends = [e for e in (last[1], end) if e is not None]
+            found[-1] = (begin, min(ends, default=None))
+    return found
 
 
 def _never_back(times: IntArray) -> IntArray:

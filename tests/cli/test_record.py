@@ -388,7 +388,7 @@ def test_the_example_of_a_setup_file_is_one(inside, tmp_path):
     setup = load_setup(example)
     assert [d.name for d in setup.devices] == ["left shoe", "right shoe", "barometer"]
     assert [d.required for d in setup.devices] == [True, True, False]
-    assert all(d.packet_layout().length for d in setup.devices)
+    assert all(d.protocol().longest for d in setup.devices)
     whole = tmp_path / "whole.toml"  # what is only suggested there can be used too
     lines = example.read_text().splitlines()
     suggested = [line[2:] if re.match(r"# (\[|\w+ = )", line) else line for line in lines]

@@ -4,7 +4,7 @@ import numpy as np
 
 from firmware_protocols.layout import load_layout
 from imu_rig.clock import SystemClock
-from imu_rig.recorder import keeper
+from imu_rig.recorder import keeper, stream_watch
 from imu_rig.recorder.engine import Recorder
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.stopping import StopRequest
@@ -36,4 +36,4 @@ def test_a_silent_device_stays_silent_and_its_age_grows_while_its_port_is_reopen
     assert seen[-1].reconnects == REOPENED
     assert {device.state for device in seen} == {"silent"}
     assert np.all(np.diff([device.age_s for device in seen]) >= 0)
-    assert seen[-1].age_s > seen[0].age_s > keeper.SILENT_S
+    assert seen[-1].age_s > seen[0].age_s > stream_watch.SILENT_S

@@ -76,4 +76,4 @@ def test_a_setup_that_cannot_be_used_is_refused_in_one_sentence(tmp_path, text, 
 def test_a_layout_that_is_not_there_names_the_device(tmp_path):
     setup = load_setup(written(tmp_path, GOOD))
     with pytest.raises(InputError, match=r"Device 'left shoe': .*no such layout file"):
-        setup.devices[0].packet_layout()
+        setup.devices[0].protocol()
