@@ -21,6 +21,9 @@ DEFAULT_KIND = "mpu9150"
 
 PLACES = {
     DEFAULT_KIND: "simulators.mpu9150_module:MPU9150_MODULE",
+    "adis16405": "simulators.adis16405:ADIS16405",
+    "xsens-mti": "simulators.mti:XSENS_MTI",
+    "xsens-mti-legacy": "simulators.mti:XSENS_MTI_LEGACY",
 }
 """Where each kind is: "module:attribute"."""
 
