@@ -168,3 +168,36 @@ XSENS_MTI_RANGE = {
     "xsens-mti-legacy": {"accel": 50.0, "gyro_dps": 300.0},
 }
 """Full scale of the standard versions [m/s2, deg/s], from memory; units are sold with others."""
+
+MAESTRO_PRODUCTS = {
+    0x0089: "Micro Maestro 6",
+    0x008A: "Mini Maestro 12",
+    0x008B: "Mini Maestro 18",
+    0x008C: "Mini Maestro 24",
+}
+"""Boards by their USB product number; that of the Mini 24 is from memory. Plug one in and list."""
+
+MAESTRO_COMMAND_INTERFACE = 0
+"""USB interface of a Maestro's command port, from memory; its TTL port is 2.
+
+The port whose name below /dev/serial/by-id ends so answers a question if this is right.
+"""
+
+USB_ADAPTERS: dict[tuple[int, int | None], str] = {
+    (0x0403, None): "FTDI adapter",
+    (0x10C4, 0xEA60): "CP210x adapter",
+    (0x1A86, None): "CH34x adapter",
+    (0x067B, None): "Prolific adapter",
+    (0x2341, None): "Arduino board",
+    (0x239A, None): "Adafruit board",
+    (0x2E8A, None): "Raspberry Pi Pico",
+    (0x303A, None): "Espressif board",
+    (0x0483, 0x5740): "STM32 board",
+    (0x2639, None): "Xsens device",
+    (0x26AC, None): "PX4 flight controller",
+    (0x1209, 0x5741): "ArduPilot flight controller",
+}
+"""What a USB vendor and product are, from memory; product None stands for all of a vendor's.
+
+Only words on a screen rest on it. Plug one in and see whether `imu-rig devices` names it rightly.
+"""

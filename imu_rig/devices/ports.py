@@ -68,6 +68,8 @@ class SeenPort:
     vendor, product : int or None
         USB identification.
     serial_number : str or None
+    location : str or None
+        Where on the bus it is and, behind the last dot, which of the device's interfaces.
     """
 
     url: str
@@ -75,6 +77,7 @@ class SeenPort:
     vendor: int | None
     product: int | None
     serial_number: str | None
+    location: str | None = None
 
     @property
     def is_maestro(self) -> bool:
@@ -93,7 +96,10 @@ def seen_ports() -> list[SeenPort]:
     found = []
     for port in list_ports.comports():
         description = "" if port.description in (None, "n/a") else str(port.description)
-        found.append(SeenPort(port.device, description, port.vid, port.pid, port.serial_number))
+        place = getattr(port, "location", None)
+        found.append(
+            SeenPort(port.device, description, port.vid, port.pid, port.serial_number, place)
+        )
     return sorted(found, key=lambda seen: seen.url)
 
 
