@@ -53,6 +53,12 @@ MAX_RATE_HZ = 2000.0
 TICK_S = 1e-4
 """One count of the sample time: packets recorded from an MTi-300 are 25 apart at 400 Hz."""
 
+PERIOD_HZ = 115_200.0
+"""Ticks per second in which a legacy unit is told the time between two samples."""
+
+PERIODS = range(225, 11_521)
+"""Ticks between two samples that a legacy unit has: 512 to 10 samples per second."""
+
 MANY_SHAPES = 8
 """From so many arrangements of items of one length on, messages are sorted one by one."""
 
@@ -96,8 +102,17 @@ class XsensProtocol(DeviceProtocol):
             self._check_outputs()
         elif self.format == LEGACY:
             legacy_parts(self.output_mode, self.output_settings)
+            self._check_period()
         else:
             raise LayoutError(f'format {quote(self.format)} must be "{MTDATA2}" or "{LEGACY}".')
+
+    def _check_period(self) -> None:
+        period = PERIOD_HZ / self.rate_hz
+        if abs(period - round(period)) > 1e-6 * period or round(period) not in PERIODS:
+            raise LayoutError(
+                f"rate_hz must be {PERIOD_HZ:g} divided by a whole number from {PERIODS[0]} to "
+                f"{PERIODS[-1]}, such as 100 or 512, for the legacy format."
+            )
 
     def _check_outputs(self) -> None:
         if not 1 <= len(self.outputs) <= MAX_OUTPUTS:
