@@ -1,23 +1,34 @@
 """How fast packets are decoded from memory, beside the plain loop that one would write first.
 
+Those of one layout beside the loop, then every built-in protocol in chunks of 64 KiB.
+
 ``python tests/benchmarks/test_decoder_speed.py`` prints all figures and their ratios in one run;
 ``pytest tests/benchmarks/test_decoder_speed.py --benchmark-enable`` gives the statistics.
 """
 
 import struct
+import sys
 import time
 from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_protocols.decoder import StreamDecoder
-from firmware_protocols.layout import Field, load_layout
+from firmware_protocols.known import builtin_protocols
+from firmware_protocols.layout import Field, PacketLayout, load_layout
 from firmware_protocols.packets import encode
+
+sys.path.append(str(Path(__file__).parent.parent / "firmware_protocols"))
+from fuzz_harness import packets_of
 
 NUMBER = 1_000_000
 LOOP_NUMBER = 50_000  # as many of them as the plain loop gets
 CHUNK_BYTES = 65_536
+PROTOCOL_BYTES = 20_000_000  # of every built-in protocol
+FAST_MB_S, VARIABLE_MB_S = 50.0, 5.0  # asked of framings of fixed and of variable length
 
 CHECKED = load_layout("mpu9150-28")
 UNCHECKED = replace(CHECKED, checksum=None, fields=(*CHECKED.fields, Field("rest", "u16")))
@@ -101,6 +112,57 @@ def test_decode(benchmark, whole_stream, name):
     benchmark.extra_info["packets"] = number
 
 
+@lru_cache(maxsize=1)
+def protocol_stream(name, size):
+    """Return whole packets of a protocol, and how many."""
+    protocol = builtin_protocols()[name]
+    first = packets_of(protocol, 1)[0]
+    some = packets_of(protocol, min(size, 1_000_000) // len(first) + 1)
+    times = max(1, size // sum(map(len, some)))
+    return b"".join(some) * times, len(some) * times
+
+
+def decode_protocol(name, stream, chunk_bytes=CHUNK_BYTES):
+    """Return how many rows the protocol's decoder makes of a stream."""
+    decoder = builtin_protocols()[name].decoder()
+    view = memoryview(stream)
+    return sum(
+        len(packets)
+        for at in range(0, len(view), chunk_bytes)
+        for packets in decoder.feed(view[at : at + chunk_bytes]).values()
+    )
+
+
+@pytest.mark.parametrize("name", builtin_protocols())
+def test_decode_protocol(benchmark, name):
+    size = PROTOCOL_BYTES if benchmark.enabled else 100_000
+    stream, number = protocol_stream(name, size)
+    assert benchmark(decode_protocol, name, stream) == number
+    benchmark.extra_info["megabytes"] = len(stream) / 1e6
+
+
+def print_protocols(repeats):
+    """Print how fast each built-in protocol is decoded, the best of some repeats."""
+    print()
+    for name, protocol in builtin_protocols().items():
+        stream, number = protocol_stream(name, PROTOCOL_BYTES)
+        best = min(_seconds(decode_protocol, name, stream) for _ in range(repeats))
+        rate = len(stream) / best / 1e6
+        is_fixed = isinstance(protocol, PacketLayout) or protocol.to_dict()["kind"] == "interleaved"
+        asked = FAST_MB_S if is_fixed else VARIABLE_MB_S
+        verdict = "" if rate >= asked else "  TOO SLOW"
+        print(
+            f"{name:18s} {rate:7.1f} MB/s, {asked:g} asked  "
+            f"{number / best / 1e6:6.2f} million packets/s{verdict}"
+        )
+
+
+def _seconds(work, *given):
+    start = time.perf_counter()
+    work(*given)
+    return time.perf_counter() - start
+
+
 def main(repeats=7):
     """Print packets per second of every case, the best of some repeats, taken in turns."""
     stream = make_stream()
@@ -115,6 +177,7 @@ def main(repeats=7):
     slowest = best["struct loop, table CRC"]
     for name, rate in best.items():
         print(f"{name:30s} {rate / 1e6:7.2f} million packets/s  {rate / slowest:6.1f} x")
+    print_protocols(repeats=3)
 
 
 if __name__ == "__main__":

@@ -156,12 +156,15 @@ def noise(protocol: DeviceProtocol, size: int, rng: Rng) -> Stream:
 
 
 def torn(protocol: DeviceProtocol, size: int, rng: Rng) -> Stream:
-    """Beginnings of packets, one after the other: as many tries for chance as there can be."""
+    """Beginnings of packets, one after the other: as many tries for chance as there can be.
+
+    Three bytes are missing at least: a single one may be what the next packet begins with.
+    """
     pool = packets_of(protocol, 500, int(rng.integers(1 << 30)))
     pieces, length = [], 0
     while length < size:
         packet = pool[int(rng.integers(len(pool)))]
-        piece = packet[: int(rng.integers(1, len(packet)))]
+        piece = packet[: int(rng.integers(1, len(packet) - 2))]
         pieces.append(piece)
         length += len(piece)
     return Stream(b"".join(pieces), np.empty(0, dtype=np.int64))
