@@ -43,8 +43,10 @@ def _all_faults(layout: RowLayout, rows: StructArray) -> Iterator[tuple[str, Boo
             yield name, flag(layout, rows, field.name, bit)
         if field.name in INERTIAL_FIELDS and field.type[0] == "u":
             # An analogue sensor ends before its converter does; a digital one tells by a flag.
-            at_end = np.isin(counts(layout, rows, field.name), field.limits)
-            yield CONVERTER_FAULT.format(field.name), at_end.reshape(len(rows), -1).any(axis=1)
+            at_end: BoolArray = np.isin(counts(layout, rows, field.name), field.limits)
+            if at_end.ndim > 1:
+                at_end = np.logical_or.reduce(at_end, axis=1)
+            yield CONVERTER_FAULT.format(field.name), at_end
         if field.scale_by is not None:
             yield (
                 SCALE_FAULT.format(field.scale_by, field.name),

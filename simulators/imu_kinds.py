@@ -22,6 +22,10 @@ DEFAULT_KIND = "mpu9150"
 PLACES = {
     DEFAULT_KIND: "simulators.mpu9150_module:MPU9150_MODULE",
     "adis16405": "simulators.adis16405:ADIS16405",
+    "waist-unit": "simulators.waist_unit:WAIST_UNIT",
+    "two-imu": "simulators.two_imu:TWO_IMU",
+    "two-imu-waist": "simulators.two_imu:TWO_IMU_WAIST",
+    "two-imu-both": "simulators.two_imu:TWO_IMU_BOTH",
     "xsens-mti": "simulators.mti:XSENS_MTI",
     "xsens-mti-legacy": "simulators.mti:XSENS_MTI_LEGACY",
 }
@@ -59,6 +63,8 @@ class ImuKind:
         or has ranges to choose from.
     any_layout : bool
         Whether the firmware sends whatever packet layout it is told to.
+    stream : str or None
+        The inertial stream that is the sensor's on the jig, of a protocol with several.
     """
 
     name: str
@@ -72,6 +78,7 @@ class ImuKind:
     firmware: FirmwareModel = field(default_factory=FirmwareModel)
     encoder_rounds: bool = False
     any_layout: bool = False
+    stream: str | None = None
 
     @property
     def sensor_ranges(self) -> SensorRanges:

@@ -33,7 +33,8 @@ class Bench:
 
     def __init__(self, config: RigConfig) -> None:
         self.protocol = config.protocol
-        self.layout = self.protocol.streams[inertial_stream(self.protocol)]
+        self._stream = inertial_stream(self.protocol, config.kind.stream)
+        self.layout = self.protocol.streams[self._stream]
         self.encoder = config.kind.encoder(config.firmware, np.random.default_rng(1))
         self._sensor = InertialSensor(
             config.sensor, config.kind.sensor_ranges, np.random.default_rng(config.seed)
@@ -67,10 +68,6 @@ class Bench:
                 parts.append(si_values(self.layout, rows.rows, self._factors))
             seconds -= CHUNK_S
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-    @property
-    def _stream(self) -> str:
-        return inertial_stream(self.protocol)
 
     def _made(
         self, seconds: float, force: np.ndarray, rate: np.ndarray, field: np.ndarray

@@ -123,7 +123,7 @@ def test_a_kind_sends_the_protocol_it_names(kind):
     assert len(protocol.inertial_streams) >= 1
     rate_hz = protocol.streams[protocol.inertial_streams[0]].rate_hz
     assert rate_hz == pytest.approx(chosen.output_hz, rel=0.01)
-    assert RigConfig.speaking(protocol, 3).imu == kind
+    assert RigConfig.speaking(protocol, 3).kind.protocol == chosen.protocol
 
 
 def test_an_unknown_kind_is_refused_with_those_there_are():
