@@ -119,7 +119,7 @@ class EncoderVoice(Voice):
 
     def __init__(self, kind: ImuKind, seed: int) -> None:
         self._encoder: Encoder = kind.encoder(kind.firmware, np.random.default_rng((seed, 2)))
-        self._base_s = self._base = 0.0  # time and number of the sample at which the rate began
+        self._base_s, self._base = 0.0, 0.0  # time and number of the sample at which the rate began
         self._seed = seed
         self._encoder.boot(0.0)
         self.rate_hz = self._encoder.sample_hz
@@ -145,7 +145,7 @@ class EncoderVoice(Voice):
         """Return what the firmware sends with each sample."""
         numbers = np.arange(first, stop, dtype=np.int64)
         places = numbers % len(self._pressure)
-        made_s: FloatArray = self._base_s + (numbers + 1 - self._base) / self.rate_hz
+        made_s: FloatArray = float(self._base_s) + (numbers.astype(np.float64) + 1 - self._base) / self.rate_hz
         r = self._readings
         return self._encoder.encode(
             MadeSamples(

@@ -17,6 +17,7 @@ from imu_rig.cli import (
     export,
     import_,
     info,
+    monitor,
     noise,
     protocol,
     record,
@@ -41,6 +42,7 @@ app.command("solve")(solve.solve)
 app.command("verify")(verify.verify)
 app.command("noise")(noise.noise)
 app.command("record")(record.record)
+app.command("monitor")(monitor.monitor)
 app.command("replay")(replay.replay)
 app.command("info")(info.info)
 app.command("repair")(repair.repair)
