@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,16 +57,26 @@ class SensorRange:
 
         Both on the axes of the values.
         """
-        columns = ["xyz".index(axis[1]) for axis in self.axes]
-        signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in self.axes])
-        own = np.empty_like(values)
-        own[:, columns] = values * signs
         if self.count:
-            own = np.rint(own / self.count)
-        own = np.clip(own, self.least, self.greatest)
-        at_end = (own <= self.least) | (own >= self.greatest)
-        read = own[:, columns] * signs
-        return read * self.count if self.count else read, at_end[:, columns]
+            values = values / self.count
+        columns, signs = self._own_axes
+        turned = columns != [0, 1, 2] or bool(np.any(signs < 0))
+        if turned:
+            own = np.empty_like(values)
+            own[:, columns] = values * signs
+            values = own
+        if self.count:
+            values = np.rint(values)
+        read = np.clip(values, self.least, self.greatest)
+        at_end = (read <= self.least) | (read >= self.greatest)
+        if turned:
+            read, at_end = read[:, columns] * signs, at_end[:, columns]
+        return read * self.count if self.count else read, at_end
+
+    @cached_property
+    def _own_axes(self) -> tuple[list[int], FloatArray]:
+        columns = ["xyz".index(axis[1]) for axis in self.axes]
+        return columns, np.array([-1.0 if axis[0] == "-" else 1.0 for axis in self.axes])
 
     def unrounded(self) -> SensorRange:
         """Return the same range without counts."""

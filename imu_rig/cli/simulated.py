@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from simulators.rig import SimulatedRig
 
 MAX_SPEED = 20.0
+BURST_S = 0.005
+"""Longest burst at life's speed: more often than so, times the speed, nobody looks at the ports."""
 FAULT = re.compile(
     r"(?P<device>\w+):(?P<word>\w+)@(?P<pose>\d+)(:(?P<when>move|hold)(:(?P<s>[\d.]+))?)?"
 )
@@ -126,7 +128,14 @@ def simulated_session(
         config = RigConfig.speaking(setup.layout, seed)
     except ValueError as error:
         raise InputError(f"--simulate: {error}") from error
-    config = config.model_copy(update={"jig": _wired_as(config.jig, setup.jig)})
+    shortest, longest = config.firmware.burst_s
+    bursts = {"burst_s": (shortest, max(longest, BURST_S * speed))}
+    config = config.model_copy(
+        update={
+            "jig": _wired_as(config.jig, setup.jig),
+            "firmware": config.firmware.model_copy(update=bursts),
+        }
+    )
     with SimulatedRig(config, clock=clock, transport=transport) as rig:
         simulated = replace(setup, imu_url=rig.imu_url, maestro_url=rig.maestro_url)
         yield SimulatedSession(clock, simulated, rig)
