@@ -106,9 +106,9 @@ class PlotWindow:
             self._ours = None
         if self._process is not None:
             self._process.join(CLOSE_S)
-            if self._process.is_alive():
-                self._process.terminate()
-                self._process.join(CLOSE_S)
+            if self._process.is_alive():  # it hangs, or somebody halted it
+                self._process.kill()
+                self._process.join()
             self._process.close()
             self._process = None
 
