@@ -145,6 +145,19 @@ SCALED_PRESSURE = Message(
     29,
     "time_boot_ms:u4 press_abs:f4 press_diff:f4 temperature:i2 temperature_press_diff:i2",
 )
+PARAM_REQUEST_READ = Message(
+    "PARAM_REQUEST_READ", 20, "param_index:i2 target_system:u1 target_component:u1 param_id:16s"
+)
+REQUEST_DATA_STREAM = Message(
+    "REQUEST_DATA_STREAM",
+    66,
+    "req_message_rate:u2 target_system:u1 target_component:u1 req_stream_id:u1 start_stop:u1",
+)
+COMMAND_LONG = Message(
+    "COMMAND_LONG",
+    76,
+    "param:7f4 command:u2 target_system:u1 target_component:u1 confirmation:u1",
+)
 COMMAND_ACK = Message(
     "COMMAND_ACK",
     77,
@@ -171,10 +184,13 @@ MESSAGES: dict[str, Message] = {
     message.name: message
     for message in (
         HEARTBEAT,
+        PARAM_REQUEST_READ,
         PARAM_VALUE,
         SCALED_IMU,
         RAW_IMU,
         SCALED_PRESSURE,
+        REQUEST_DATA_STREAM,
+        COMMAND_LONG,
         COMMAND_ACK,
         HIGHRES_IMU,
         SCALED_IMU2,

@@ -201,3 +201,12 @@ USB_ADAPTERS: dict[tuple[int, int | None], str] = {
 
 Only words on a screen rest on it. Plug one in and see whether `imu-rig devices` names it rightly.
 """
+
+ICM20602_BIAS_MG = (25.0, 25.0, 40.0)
+ICM20602_BIAS_DPS = 1.0
+ICM20602_CROSS_AXIS = 0.02
+"""What the ICM-20602 of many flight controllers reads of nothing, and of other axes, from memory.
+
+Its noise and its sensitivity are those of the data sheet's first page. A flight controller whose
+own calibration was taken out, at rest on six sides, tells; with it in, the errors are smaller.
+"""

@@ -28,6 +28,8 @@ PLACES = {
     "two-imu-both": "simulators.two_imu:TWO_IMU_BOTH",
     "xsens-mti": "simulators.mti:XSENS_MTI",
     "xsens-mti-legacy": "simulators.mti:XSENS_MTI_LEGACY",
+    "mavlink-highres": "simulators.flight_controller:MAVLINK_HIGHRES",
+    "mavlink-scaled": "simulators.flight_controller:MAVLINK_SCALED",
 }
 """Where each kind is: "module:attribute"."""
 
