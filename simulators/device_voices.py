@@ -208,10 +208,20 @@ def voices_of(protocol: DeviceProtocol, rate_hz: float | None, seed: int) -> lis
             _loop_voice(name, layout, layout.rate_hz, seed + at)
             for at, (name, layout) in enumerate(protocol.layouts)
         ]
-    for kind in IMU_KINDS.values():
-        if kind.protocol == protocol.name:
-            return [EncoderVoice(kind, seed)]
-    raise ValueError(f"no simulated device speaks {protocol.name}.")
+    kind = _kind_of(protocol)
+    if kind is None:
+        raise ValueError(f"no simulated device speaks {protocol.name}.")
+    return [EncoderVoice(kind, seed)]
+
+
+def is_spoken(protocol: DeviceProtocol) -> bool:
+    """Whether some simulated device speaks a protocol."""
+    loops = isinstance(protocol, PacketLayout | InterleavedProtocol)
+    return loops or _kind_of(protocol) is not None
+
+
+def _kind_of(protocol: DeviceProtocol) -> ImuKind | None:
+    return next((kind for kind in IMU_KINDS.values() if kind.protocol == protocol.name), None)
 
 
 def _loop_voice(stream: str, layout: PacketLayout, rate_hz: float | None, seed: int) -> LoopVoice:

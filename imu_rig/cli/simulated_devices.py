@@ -54,10 +54,11 @@ def simulated_devices(text: str, layout: str | None) -> Iterator[tuple[DeviceSet
 def _wanted(text: str, layout: str) -> list[tuple[str, str]]:
     """Names of the devices, and what each speaks."""
     from firmware_protocols.known import builtin_protocols
+    from simulators.device_voices import is_spoken
 
     parts = [part.strip() for part in text.split(",")]
     if parts == [ALL]:
-        parts = list(builtin_protocols())
+        parts = [name for name, protocol in builtin_protocols().items() if is_spoken(protocol)]
     if all(part.isdecimal() and len(part) < 6 for part in parts):
         count = sum(int(part) for part in parts)
         if not 1 <= count <= MOST_SIMULATED:

@@ -240,11 +240,17 @@ class DeviceKeeper:
         """Take note of a stream that is missing while others of its port go on."""
         going = [w.stream for w in self._watches.values() if w.fresh]
         others = ", ".join(going)
-        watch.problem = (
-            f"{watch.name} sends nothing{' any more' if watch.heard else ''} while {others} of the "
-            f"same port {'goes' if len(going) == 1 else 'go'} on: check the power and the radio of "
-            f"{watch.stream}, or whether it is switched off in the device."
-        )
+        go_on = "goes on" if len(going) == 1 else "go on"
+        if watch.heard:
+            watch.problem = (
+                f"{watch.name} sends nothing any more while {others} of the same port {go_on}: "
+                f"check the power and the radio of {watch.stream}."
+            )
+        else:
+            watch.problem = (
+                f"{watch.name} has sent nothing while {others} of the same port {go_on}: see that "
+                f"it is switched on, or write optional={watch.stream} behind its port."
+            )
         if watch.heard and not watch.in_gap:
             watch.begin_gap("silent", now)
         watch.show("silent" if watch.heard else "waiting")
