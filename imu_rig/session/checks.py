@@ -17,6 +17,7 @@ from imu_rig.session.stillness import Quiet, has_gyro
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
 GRAVITY_TOLERANCE = 0.25  # of 1 g: beyond any uncalibrated sensor's scale and bias together
+ANALOG_GRAVITY_TOLERANCE = 0.9  # of one without gyroscope, whose zero may be half a g off
 TURN_TOLERANCE_DEG = 12.0  # servos of this class are off by degrees, a stuck one by a whole move
 TURN_TOLERANCE = 0.15
 LOST = 0.05  # share of packets that a hold or a turn may miss
@@ -25,6 +26,7 @@ SAME_DIRECTION_DEG = 12.0
 SAME_SIZE_MG = 25.0
 SAME_BIAS_DPS = 1.0
 MOUNTING_TOLERANCE_DEG = 30.0
+ANALOG_MOUNTING_TOLERANCE_DEG = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,8 @@ def is_whole(block: ImuBlock) -> bool:
 def wrong_gravity(name: str, block: ImuBlock) -> str | None:
     """Say what is wrong if a sensor at rest does not read about 1 g."""
     norm = float(np.linalg.norm(np.mean(block.accel, axis=0))) / STANDARD_GRAVITY
-    if abs(norm - 1.0) <= GRAVITY_TOLERANCE:
+    tolerance = GRAVITY_TOLERANCE if has_gyro(block) else ANALOG_GRAVITY_TOLERANCE
+    if abs(norm - 1.0) <= tolerance:
         return None
     return (
         f"{name} reads {norm:.2f} g at rest: its values are wrong or scaled by another layout "
@@ -165,7 +168,7 @@ def wrong_mounting(
     seen = np.mean(now.accel, axis=0)
     cosine = float(expected @ seen) / float(np.linalg.norm(expected) * np.linalg.norm(seen))
     off = float(np.arccos(np.clip(cosine, -1.0, 1.0))) / DEG
-    if off <= MOUNTING_TOLERANCE_DEG:
+    if off <= (MOUNTING_TOLERANCE_DEG if has_gyro(now) else ANALOG_MOUNTING_TOLERANCE_DEG):
         return None
     return (
         f"{name} does not sit as this mounting asks: up is its {_axis_of(seen)} axis and should "
