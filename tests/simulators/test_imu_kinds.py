@@ -5,7 +5,6 @@ import pytest
 from imu_kind_bench import Bench, steady
 
 from firmware_protocols.known import load_protocol
-from imu_rig.devices.imu import inertial_stream
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 from simulators.config import RigConfig
 from simulators.imu_kinds import DEFAULT_KIND, IMU_KINDS
