@@ -1,5 +1,6 @@
 """The ADIS16405's words against the fact sheet's bytes, over every value and every flag."""
 
+import binascii
 import itertools
 
 import numpy as np
@@ -218,3 +219,19 @@ def test_only_bit_fifteen_is_new_data():
     burst = unpack_bursts(only_error)
     assert burst.error.all()
     assert not burst.new.any()
+
+
+def test_the_frame_of_the_documentation():
+    """The fact sheet's burst, in frame 7, after one second, at a pulse, range +-300 deg/s."""
+    frame = bytes.fromhex("A55E 07 84 000F4240 0000") + EXAMPLE + bytes.fromhex("97C5")
+    assert binascii.crc_hqx(frame[:-2], 0xFFFF) == 0x97C5
+    decoder = LAYOUT.decoder()
+    rows = decoder.feed(frame)[""].rows
+    assert decoder.stats.good == 1
+    assert rows["seq"] == 7
+    assert counts(LAYOUT, rows, "range") == 4
+    assert flag(LAYOUT, rows, "range", 7)
+    assert counts(LAYOUT, rows, "time") * LAYOUT.clock_tick_s == pytest.approx([1.0])
+    assert rows["diag_stat"] == 0
+    assert values(LAYOUT, rows, "accel")[0] == pytest.approx([0.0, 0.0, -0.9999])
+    assert encode(LAYOUT, rows) == frame
