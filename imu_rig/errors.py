@@ -16,14 +16,16 @@
         ├── AnotherSensor  6   ... because another sensor was to go on with it
         └── SessionInterrupted  130   ... because its user said so (Ctrl-C, SIGTERM, SIGHUP)
 
-Two exit codes are no errors. 7: `imu-rig verify` found a sensor that is not what its certificate
+Three exit codes are no errors. 7: `imu-rig verify` found a sensor that is not what its certificate
 says, or could not tell. 8: `imu-rig record` kept all it was sent, and that is not all there was.
+9: `imu-rig doctor` found something that will not work as it is.
 """
 
 from typing import ClassVar
 
 NOT_VERIFIED_EXIT = 7
 INCOMPLETE_EXIT = 8
+NOT_READY_EXIT = 9
 
 
 class ImuRigError(Exception):

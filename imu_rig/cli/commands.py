@@ -14,6 +14,8 @@ from imu_rig.cli import (
     calibrate,
     certificate,
     demo,
+    devices,
+    doctor,
     export,
     import_,
     info,
@@ -48,7 +50,9 @@ app.command("info")(info.info)
 app.command("repair")(repair.repair)
 app.command("export")(export.export)
 app.command("import")(import_.import_)
+app.command("doctor")(doctor.doctor)
 app.add_typer(certificate.app, name="certificate")
+app.add_typer(devices.app, name="devices")
 app.add_typer(protocol.app, name="protocol")
 app.add_typer(simulate.app, name="simulate")
 

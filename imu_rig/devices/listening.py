@@ -92,7 +92,8 @@ def listen(
         port = open_port(url, baud=baud)
     except PortError as error:
         return Heard(url, baud, error=str(error))
-    kept, pauses = bytearray(), []
+    kept = bytearray()
+    pauses: list[int] = []
     total = first = 0
     begin = time.monotonic()
     first_s = last_s = kept_s = begin

@@ -42,6 +42,8 @@ class Recognized:
 
     Attributes
     ----------
+    name : str
+        By which the protocol is known.
     protocol : DeviceProtocol
     packets : dict of str to int
         How many were heard of each stream; none of some, perhaps.
@@ -49,6 +51,7 @@ class Recognized:
         Of all bytes, those that belong to whole packets or to other messages of the protocol.
     """
 
+    name: str
     protocol: DeviceProtocol
     packets: dict[str, int]
     share: float
@@ -71,8 +74,8 @@ def find_protocol(
     streams in them, a checksum, the longer header, more packets.
     """
     best: tuple[tuple[object, ...], Recognized] | None = None
-    for protocol in (builtin_protocols() if protocols is None else protocols).values():
-        found = _fit(data, protocol)
+    for name, protocol in (builtin_protocols() if protocols is None else protocols).items():
+        found = _fit(data, name, protocol)
         if found is None:
             continue
         header = len(protocol.header) if isinstance(protocol, PacketLayout) else 0
@@ -88,10 +91,10 @@ def find_protocol(
     return None if best is None else best[1]
 
 
-def _fit(data: bytes, protocol: DeviceProtocol) -> Recognized | None:
+def _fit(data: bytes, name: str, protocol: DeviceProtocol) -> Recognized | None:
     decoder = protocol.decoder()
     streams = decoder.feed(data)
-    packets = {name: len(streams.get(name, ())) for name in protocol.streams}
+    packets = {stream: len(streams.get(stream, ())) for stream in protocol.streams}
     if sum(packets.values()) < MIN_PACKETS or not data:
         return None
     covered = len(data) - decoder.stats.skipped_bytes - decoder.pending
@@ -103,7 +106,7 @@ def _fit(data: bytes, protocol: DeviceProtocol) -> Recognized | None:
             return None
     elif not protocol.proves_packets and share < UNPROVEN_SHARE:
         return None
-    return Recognized(protocol, packets, share)
+    return Recognized(name, protocol, packets, share)
 
 
 def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
@@ -128,7 +131,7 @@ def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
 
 def explain_unknown(
     data: bytes,
-    baud: int,
+    baud: int | None,
     expected: DeviceProtocol | None = None,
     protocols: Mapping[str, DeviceProtocol] | None = None,
 ) -> str:
@@ -138,15 +141,15 @@ def explain_unknown(
     ----------
     data : bytes
         A second or so of what was received.
-    baud : int
-        Baud rate in use, for the advice.
+    baud : int or None
+        Baud rate in use, for the advice; None where it has no meaning.
     expected : DeviceProtocol, optional
     protocols : mapping, optional
         What to recognize; built-in ones by default.
     """
     spoken = find_protocol(data, protocols)
     if spoken is not None:
-        return f"sends packets of the layout {spoken.protocol.name}: use that layout"
+        return f"sends packets of the layout {spoken.name}: use that layout"
     messages = other_messages(data)
     if messages is not None:
         return messages
@@ -159,10 +162,8 @@ def explain_unknown(
     different = np.unique(values)
     if len(different) <= 2:
         shown = " and ".join(f"{v:02X}" for v in different.tolist())
-        return (
-            f"sends nothing but the byte {shown}: the baud rate ({baud}) is wrong or the line is "
-            "not connected"
-        )
+        wrong = "" if baud is None else f"the baud rate ({baud}) is wrong or "
+        return f"sends nothing but the byte {shown}: {wrong}the line is not connected"
     if isinstance(expected, PacketLayout):
         distance = _usual_distance(_positions(data, expected.header))
         if distance == expected.length:
@@ -179,9 +180,10 @@ def explain_unknown(
     text = text_in(data)
     if text is not None:
         return f"sends text ({text!r}), not packets: set it to its binary mode"
+    wrong = "" if baud is None else f"the baud rate ({baud}) is wrong, "
     return (
-        f"sends bytes without any packet known here: the baud rate ({baud}) is wrong, this is "
-        "another device's port, or its packets are yet to be described in a layout file"
+        f"sends bytes without any packet known here: {wrong}this is another device's port, or its "
+        "packets are yet to be described in a layout file"
     )
 
 

@@ -128,7 +128,7 @@ def judge(heard: Heard, protocols: Mapping[str, DeviceProtocol] | None = None) -
         return Finding("closed" if gone else "silent", heard, heard.error or "sends nothing")
     recognized = find_protocol(data, protocols)
     if recognized is not None:
-        return Finding("recognized", heard, f"speaks {recognized.protocol.name}", recognized)
+        return Finding("recognized", heard, f"speaks {recognized.name}", recognized)
     messages = other_messages(data)
     if messages is not None:
         return Finding("known", heard, messages)
@@ -149,7 +149,8 @@ def judge(heard: Heard, protocols: Mapping[str, DeviceProtocol] | None = None) -
             f"{unknown.header.hex(' ').upper()}"
         )
         return Finding("unknown", heard, words, unknown=unknown)
-    return Finding("noise", heard, explain_unknown(data, heard.baud, protocols=protocols))
+    baud = heard.baud if baud_matters(heard.url) else None
+    return Finding("noise", heard, explain_unknown(data, baud, protocols=protocols))
 
 
 def find_out(

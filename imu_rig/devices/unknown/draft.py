@@ -89,13 +89,15 @@ def _tick_line(found: UnknownPackets, clock: Going) -> str:
     return f"clock_tick_s = {tick!r} # {words}"
 
 
-def _going(name: str, going: Going, order: str, found: UnknownPackets) -> list[str]:
+def may_be_wider(found: UnknownPackets, going: Going) -> bool:
+    """Return whether the byte above a counter or clock never changed and could be part of it."""
     above = going.at + going.width if going.byte_order == "little" else going.at - 1
-    wider = (
-        going.width < max(COUNTER_WIDTHS)
-        and len(found.header) <= above < found.length
-        and bool(found.constant[above])
-    )
+    inside = len(found.header) <= above < found.length
+    return going.width < max(COUNTER_WIDTHS) and inside and bool(found.constant[above])
+
+
+def _going(name: str, going: Going, order: str, found: UnknownPackets) -> list[str]:
+    wider = may_be_wider(found, going)
     words = f"sure to count in {going.width} byte{'s'[: going.width != 1]}"
     if wider:
         words += "; perhaps wider, by the byte beside it that did not change"

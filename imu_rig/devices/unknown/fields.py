@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from imu_rig.arrays import AnyArray, FloatArray
+from imu_rig.arrays import AnyArray, ByteArray, FloatArray
 from imu_rig.devices.unknown.counting import numbers
 from imu_rig.devices.unknown.period import Aligned
 
@@ -105,7 +105,7 @@ def find_gravity(aligned: Aligned, parts: list[Part]) -> Gravity | None:
         together = all(a.at + a.size == b.at for a, b in pairwise(three))
         if len(kinds) != 1 or not together or three[0].type not in ("i16", "f32"):
             continue
-        columns = [_values(aligned, part) for part in three]
+        columns = [read_part(aligned.rows, part) for part in three]
         size = np.sqrt(sum(column**2 for column in columns))
         usual = float(np.median(size))
         found = _as_gravity(first, usual, three[0].type)
@@ -131,16 +131,19 @@ def _as_gravity(first: int, usual: float, kind: str) -> Gravity | None:
     return None
 
 
-def _values(aligned: Aligned, part: Part) -> FloatArray:
+def read_part(rows: ByteArray, part: Part) -> FloatArray:
+    """Return the numbers that a part of every row, shape (n, length), is, shape (n,)."""
     if part.type == "f32":
-        return np.asarray(_floats(aligned, part.at, part.byte_order), np.float64)
-    raw = numbers(aligned.rows, part.at, part.size, part.byte_order)
+        return _floats(rows, part.at, part.byte_order)
+    raw = numbers(rows, part.at, part.size, part.byte_order)
+    if part.type.startswith("u"):
+        return raw.astype(np.float64)
     half = 1 << (8 * part.size - 1)
     return np.asarray((raw + half) % (2 * half) - half, np.float64)
 
 
-def _floats(aligned: Aligned, at: int, order: str) -> AnyArray:
-    raw = np.ascontiguousarray(aligned.rows[:, at : at + 4])
+def _floats(rows: ByteArray, at: int, order: str) -> FloatArray:
+    raw = np.ascontiguousarray(rows[:, at : at + 4])
     with np.errstate(invalid="ignore"):
         return np.asarray(raw.view("<f4" if order == "little" else ">f4")[:, 0], np.float64)
 
@@ -189,7 +192,7 @@ class _Readings:
         return float(np.mean(np.log2(1.0 + np.abs(self._steps(at, width, order)))))
 
     def _is_float(self, at: int, order: str) -> bool:
-        size = np.abs(_floats(self.aligned, at, order))
+        size = np.abs(_floats(self.aligned.rows, at, order))
         sensible = (size == 0) | ((size >= LEAST_SENSIBLE) & (size <= GREATEST_SENSIBLE))
         if float(np.mean(sensible)) < SENSIBLE or not size.any():
             return False
