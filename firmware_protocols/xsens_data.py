@@ -191,7 +191,8 @@ def write_numbers(numbers: FloatArray, number_format: int) -> Bytes:
     else:
         with np.errstate(over="ignore"):
             sent = numbers.astype(">f4" if number_format == FLOAT32 else ">f8")
-    return np.ascontiguousarray(sent).view(np.uint8).reshape(len(numbers), -1)
+    size = numbers.shape[1] * NUMBER_BYTES[number_format]
+    return np.ascontiguousarray(sent).view(np.uint8).reshape(len(numbers), size)
 
 
 _FIXED_16_32 = np.dtype(
