@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from imu_rig.cli.options import Json
+from imu_rig.cli.simulate_walk import walk
 from imu_rig.errors import InputError
 
 app = typer.Typer(help="Put simulated hardware on real ports.", no_args_is_help=True)
+app.command("walk")(walk)
 
 
 @app.callback()
