@@ -69,12 +69,13 @@ def _permission(system: System, path: Path) -> Check:
         by = _allowed_by(system, owner, group)
         return Check(about, "ok", f"{shown} may be opened ({by}).")
     if group is None or group == "root" or not owner.mode & stat.S_IWGRP:
-        rule = f'KERNEL=="{path.name.rstrip("0123456789")}*", MODE="0660", GROUP="dialout"'
+        heir = next((name for name in PORT_GROUPS if system.has_group(name)), PORT_GROUPS[0])
+        rule = f'KERNEL=="{path.name.rstrip("0123456789")}*", MODE="0660", GROUP="{heir}"'
         return Check(
             about,
             "bad",
             f"{shown} may not be opened: it belongs to {group or owner.gid} alone.",
-            "Give it to the group dialout by a udev rule, and plug it in again:",
+            f"Give it to the group {heir} by a udev rule, and plug it in again:",
             (f"echo '{rule}' | sudo tee /etc/udev/rules.d/99-imu-rig-ports.rules", RELOAD),
         )
     if system.is_member(group):
