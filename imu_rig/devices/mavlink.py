@@ -16,6 +16,8 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 
+import numpy as np
+
 from firmware_protocols.mavlink import IMU_MESSAGES, PRESSURE_HZ, MavlinkProtocol
 from firmware_protocols.mavlink_frames import Contents, MavlinkFrameDecoder, read_contents
 from firmware_protocols.mavlink_messages import (
@@ -85,6 +87,14 @@ class Ear(MavlinkFrameDecoder):
         self.feed(data)
         heard, self._heard = self._heard, []
         return heard
+
+
+def is_autopilot(heartbeat: np.void) -> bool:
+    """Whether a heartbeat is not that of a ground station, camera, gimbal or radio."""
+    return bool(
+        heartbeat["type"] != mavlink.MAV_TYPE_GCS
+        and heartbeat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID
+    )
 
 
 class _Span:
@@ -264,11 +274,8 @@ class MavlinkConversation:
     def _meet(self, found: Contents, addresses: list[Address]) -> None:
         """Take the first flight controller that fits as the one to speak to."""
         for beat, address in zip(found.payload, addresses, strict=True):
-            if (
-                beat["type"] == mavlink.MAV_TYPE_GCS
-                or beat["autopilot"] == mavlink.MAV_AUTOPILOT_INVALID
-            ):
-                continue  # another ground station; a camera, gimbal or radio
+            if not is_autopilot(beat):
+                continue
             if self._target is None and self._fits(address):
                 self._target = address
             if address == self._target:

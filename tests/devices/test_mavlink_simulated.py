@@ -1,25 +1,264 @@
-"""The real driver and simulated flight controllers over pseudo-terminals."""
+"""What is said to flight controllers and heard from them, in their own time and over real ports."""
 
 import time
 
 import numpy as np
 import pytest
-from flight_controller_port import flight_controllers
+from flight_controller_port import Table, served
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_protocols.known import load_protocol, protocol_from_dict
+from imu_rig.blocks import ImuBlock
 from imu_rig.clock import SystemClock
 from imu_rig.devices import mavlink as driver
+from imu_rig.devices import mavlink_questions
 from imu_rig.devices.imu import ImuDevice
+from imu_rig.devices.mavlink import MavlinkConversation
+from imu_rig.devices.mavlink_questions import read_parameters
+from imu_rig.devices.ports import open_port
 from imu_rig.devices.stream_device import PacketDevice
-from imu_rig.errors import DeviceError
+from imu_rig.errors import DeviceError, DeviceLost
 from imu_rig.units import STANDARD_GRAVITY
+from simulators import flight_controller
 from simulators.flight_controller import FlightControllerModel
 
 HIGHRES = load_protocol("mavlink-highres")
 SCALED = load_protocol("mavlink-scaled")
 RAW = load_protocol("mavlink-raw")
-PATIENCE_S = 10.0
+PATIENCE_S = 20.0
+
+PX4 = FlightControllerModel("px4", {"HIGHRES_IMU": 4.0, "ATTITUDE": 10.0})
+ARDUPILOT = FlightControllerModel("ardupilot", {"SCALED_IMU": 4.0}, cannot=("HIGHRES_IMU",))
+
+
+def changed(model, **changes):
+    return FlightControllerModel(**{**vars(model), **changes})
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """Put flight controllers on one line, with the only time that their driver knows."""
+
+    def put(*models):
+        made = Table(*models)
+        for module in (driver, mavlink_questions):
+            monkeypatch.setattr(module, "time", made)
+        return made
+
+    return put
+
+
+def begun(table, protocol):
+    conversation = MavlinkConversation(protocol)
+    conversation.begin(table.write, table.hear)
+    return conversation
+
+
+def refusal(table, protocol):
+    with pytest.raises(DeviceError) as caught:
+        begun(table, protocol)
+    return str(caught.value)
+
+
+def said(messages, name):
+    parser = mavlink.MAVLink(None)
+    every = [m for data in messages for m in parser.parse_buffer(bytearray(data)) or []]
+    return [m for m in every if m.get_type() == name]
+
+
+def test_the_message_is_asked_for_at_its_rate_and_pressure_beside_it(table):
+    line = table(PX4)
+    conversation = begun(line, HIGHRES)
+    assert line.now_s < 2.0
+    heard = line.run(conversation, 3)
+    assert line.controllers[0].rates["HIGHRES_IMU"] == 100.0
+    assert line.controllers[0].rates["SCALED_PRESSURE"] == 10.0
+    asked = [(m.param1, m.param2) for m in said(line.sent, "COMMAND_LONG")]
+    assert asked == [(105, 10_000), (29, 100_000)]  # each of them once
+    assert {(m.type, m.autopilot) for m in said(line.sent, "HEARTBEAT")} == {(6, 8)}
+    packets = HIGHRES.decoder().feed(heard)
+    assert len(packets["imu"]) == pytest.approx(300, abs=5)
+    assert len(packets["pressure"]) >= 20
+    assert conversation.problem is None
+    assert conversation.description == "PX4, MAVLink 2, system 1 component 1"
+
+
+def test_a_heartbeat_is_said_each_second(table):
+    line = table(PX4)
+    conversation = begun(line, HIGHRES)
+    before = len(said(line.sent, "HEARTBEAT"))
+    line.run(conversation, 5)
+    assert len(said(line.sent, "HEARTBEAT")) - before == 5
+
+
+def test_px4_on_usb_is_silent_until_it_hears_us(table):
+    line = table(changed(PX4, waits=True))
+    assert line.hear(1.0) == b""
+    begun(line, HIGHRES)
+    assert line.controllers[0].rates["HIGHRES_IMU"] == 100.0
+
+
+@pytest.mark.parametrize(
+    ("result", "word"),
+    [
+        (mavlink.MAV_RESULT_DENIED, "denied"),
+        (mavlink.MAV_RESULT_UNSUPPORTED, "unsupported"),
+        (mavlink.MAV_RESULT_FAILED, "failed"),
+    ],
+)
+def test_a_refusal_names_the_layout_to_use_instead(table, result, word):
+    assert refusal(table(changed(ARDUPILOT, refusal=result)), HIGHRES) == (
+        "the flight controller (ArduPilot, MAVLink 2, system 1 component 1) refuses to send "
+        f"HIGHRES_IMU ({word}): use --layout mavlink-scaled."
+    )
+
+
+def test_without_another_message_those_to_try_are_named(table):
+    silent = changed(ARDUPILOT, rates={})
+    assert "use --layout mavlink-scaled or --layout mavlink-raw" in refusal(table(silent), HIGHRES)
+    promising = changed(silent, refusal=mavlink.MAV_RESULT_ACCEPTED)
+    assert (
+        "and sends neither that nor another message of its IMU: use --layout mavlink-scaled or "
+        "--layout mavlink-raw, or look at the stream settings of this port."
+    ) in refusal(table(promising), HIGHRES)
+
+
+def test_what_never_comes_though_it_was_promised_is_named(table):
+    """Older firmware acknowledges the request and knows no such message."""
+    promising = changed(ARDUPILOT, refusal=mavlink.MAV_RESULT_ACCEPTED)
+    assert refusal(table(promising), HIGHRES).endswith(
+        "sends SCALED_IMU but no HIGHRES_IMU: use --layout mavlink-scaled."
+    )
+
+
+def test_the_old_way_of_asking_where_the_new_one_is_refused(table, monkeypatch):
+    line = table(changed(ARDUPILOT, rates={}))
+    monkeypatch.setattr(
+        line.controllers[0], "_set_interval", lambda *_: mavlink.MAV_RESULT_UNSUPPORTED
+    )
+    begun(line, RAW)
+    assert line.controllers[0].rates["RAW_IMU"] == 100.0
+    assert [m.req_stream_id for m in said(line.sent, "REQUEST_DATA_STREAM")][:1] == [1]
+
+
+def test_version_1_is_spoken_to_in_its_own_way_and_named(table):
+    line = table(changed(ARDUPILOT, version=1))
+    conversation = begun(line, SCALED)
+    assert line.controllers[0].rates["SCALED_IMU"] == 100.0
+    assert conversation.description == "ArduPilot, MAVLink 1 only, system 1 component 1"
+    packets = SCALED.decoder().feed(line.run(conversation, 1))
+    assert np.isnan(packets["imu"].rows["temperature"]).all()
+    again = table(changed(ARDUPILOT, version=1))
+    assert "(ArduPilot, MAVLink 1 only, system 1" in refusal(again, HIGHRES)
+
+
+def test_several_on_one_line_are_told_apart(table):
+    both = PX4, changed(ARDUPILOT, system=7)
+    line = table(*both)
+    conversation = begun(line, HIGHRES)
+    assert "HIGHRES_IMU" not in line.controllers[1].rates
+    assert conversation.description.endswith("system 1 component 1, beside system 7 component 1")
+    asked = protocol_from_dict({**HIGHRES.to_dict(), "system": 7})
+    assert "system 7 component 1, beside system 1" in refusal(table(*both), asked)
+    third = protocol_from_dict({**HIGHRES.to_dict(), "system": 3})
+    assert begun(table(*both), third).problem is None  # it may come
+
+
+def test_a_rate_that_is_lost_is_asked_for_again(table):
+    """Another ground station, or a restart, sets it back."""
+    line = table(PX4)
+    conversation = begun(line, HIGHRES)
+    line.controllers[0].rates["HIGHRES_IMU"] = 5.0
+    line.run(conversation, 3)
+    assert line.controllers[0].rates["HIGHRES_IMU"] == 100.0
+    line.controllers[0].boot(0.0)
+    line.run(conversation, 3)
+    assert line.controllers[0].rates["HIGHRES_IMU"] == 100.0
+
+
+def test_a_rate_that_is_never_reached_is_taken_and_seldom_asked_for(table, monkeypatch):
+    """ArduPilot sends no faster than its main loop runs."""
+    monkeypatch.setattr(flight_controller, "MOST_HZ", 25.0)
+    line = table(PX4)
+    conversation = begun(line, HIGHRES)
+    line.run(conversation, 60)
+    asked = [m for m in said(line.sent, "COMMAND_LONG") if m.param1 == 105]
+    assert driver.REQUESTS <= len(asked) <= driver.REQUESTS + 3
+    assert conversation.problem is None
+
+
+def test_a_message_that_stops_is_named_while_the_flight_controller_speaks(table, monkeypatch):
+    line = table(PX4)
+    conversation = begun(line, HIGHRES)
+    monkeypatch.setattr(line.controllers[0], "_set_interval", lambda *_: 0)
+    line.controllers[0].rates["HIGHRES_IMU"] = 0.0
+    line.run(conversation, 5)
+    assert conversation.problem == (
+        "(PX4, MAVLink 2, system 1 component 1) has stopped sending HIGHRES_IMU and is asked for "
+        "it every second"
+    )
+
+
+def test_garbage_and_silence_are_nobody_to_speak_to(table):
+    line = table()
+    conversation = begun(line, HIGHRES)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        conversation.heard(rng.bytes(20_000))
+        conversation.keep(line.write)
+    assert conversation.problem is None
+    assert conversation.description == "no flight controller"
+    assert not said(line.sent, "COMMAND_LONG")
+
+
+def test_parameters_are_read_in_the_encoding_of_their_autopilot(table):
+    line = table(PX4)
+    names = ["CAL_ACC0_ID", "CAL_MAG0_ROT", "CAL_ACC0_XOFF", "NONE"]
+    found = read_parameters(line.write, line.hear, names)
+    assert (found.autopilot, found.encoding, found.missing) == ("PX4", "bytewise", ("NONE",))
+    assert found.value("CAL_ACC0_ID") == 1310988
+    assert found.value("CAL_MAG0_ROT") == -1
+    assert found.value("CAL_ACC0_XOFF") == pytest.approx(0.12)
+    assert found.contradictions == ()
+    line = table(changed(ARDUPILOT, version=1))
+    found = read_parameters(line.write, line.hear, ["INS_ACC_ID", "INS_ACCSCAL_X"])
+    assert (found.autopilot, found.encoding) == ("ArduPilot", "cast")
+    assert found.value("INS_ACC_ID") == 2753028
+    assert found.contradictions == ()
+
+
+def test_parameters_in_the_other_encoding_are_recognized(table, monkeypatch):
+    """As by a bridge that converts them, or firmware that says one thing and does the other."""
+    monkeypatch.setitem(flight_controller._CAPABILITIES, "px4", 131_072)
+    line = table(PX4)
+    found = read_parameters(line.write, line.hear, ["CAL_ACC0_ID", "CAL_MAG0_ROT"])
+    assert found.encoding == "cast"
+    named = [sentence.split()[0] for sentence in found.contradictions]
+    assert named == ["CAL_ACC0_ID", "CAL_MAG0_ROT"]
+
+
+def test_what_the_flight_controller_corrects_itself_is_named(table):
+    line = table(PX4)
+    found = read_parameters(line.write, line.hear)
+    assert set(found.own_calibration) == {"CAL_ACC0_XOFF", "CAL_ACC0_XSCALE", "CAL_GYRO0_XOFF"}
+
+
+def test_no_flight_controller_is_a_sentence(table):
+    line = table()
+    with pytest.raises(DeviceLost, match="no flight controller is heard"):
+        read_parameters(line.write, line.hear)
+
+
+def test_whole_numbers_that_are_cut_off_lie_half_a_step_nearer_to_zero(table):
+    """What ArduPilot and PX4 do when they convert to whole numbers."""
+    means = {}
+    for truncates in (False, True):
+        line = table(changed(ARDUPILOT, truncates=truncates))
+        heard = line.run(begun(line, SCALED), 5)
+        rows = SCALED.decoder().feed(heard)["imu"].rows
+        means[truncates] = float(rows["accel"][:, 2].mean())
+    assert means[False] == pytest.approx(-1000, abs=0.3)
+    assert means[True] - means[False] == pytest.approx(0.5, abs=0.1)
 
 
 def until(condition):
@@ -29,26 +268,12 @@ def until(condition):
         time.sleep(0.01)
 
 
-def collected(device, number=40):
-    """Poll for samples of the streams until there are enough inertial ones."""
-    parts = []
-    until(lambda: parts.append(device.poll()) or sum(map(len, parts)) >= number)
-    return parts
-
-
-def said(messages):
-    parser = mavlink.MAVLink(None)
-    return [m for data in messages for m in parser.parse_buffer(data) or []]
-
-
-def test_px4_speaks_once_it_hears_us_and_sends_what_is_asked_for():
-    """On USB it is silent before; it starts at 4 per second and is asked for 100."""
-    sent, heard = [], []
-    model = FlightControllerModel("px4", {"HIGHRES_IMU": 4.0, "ATTITUDE": 10.0}, waits=True)
-    with flight_controllers(model) as served:
+def test_over_a_real_port_samples_come_on_our_axes_and_every_byte_is_recorded():
+    heard, sent = [], []
+    with served(changed(PX4, waits=True, key=bytes(range(32)))) as controller:
         device = PacketDevice(
             "pixhawk",
-            served.url,
+            controller.url,
             HIGHRES,
             SystemClock(),
             tap=lambda t_ns, data: heard.append(data),
@@ -56,171 +281,42 @@ def test_px4_speaks_once_it_hears_us_and_sends_what_is_asked_for():
         )
         device.start()
         blocks = []
-        until(
-            lambda: (
-                blocks.append(device.poll())
-                or (
-                    sum(len(b["imu"]) for b in blocks) >= 60
-                    and sum(len(b["pressure"]) for b in blocks) >= 3
-                )
-            )
-        )
-        until(lambda: device.stream_health("imu").rate_hz > 90)
-        health = device.health
+        until(lambda: blocks.append(device.poll()) or sum(len(b["imu"]) for b in blocks) >= 40)
         assert device.identify_problem() is None
+        health = device.health
         device.stop()
-        assert served.controllers[0].rates["HIGHRES_IMU"] == 100.0
-        assert served.controllers[0].rates["SCALED_PRESSURE"] == 10.0
-    rows = np.concatenate([block["imu"].rows for block in blocks])
-    assert rows["accel"].mean(axis=0) == pytest.approx([0, 0, -STANDARD_GRAVITY], abs=0.05)
+        blocks.append(device.poll())
     assert (health.corrupt, health.skipped_bytes, health.restarts) == (0, 0, 0)
-    asked = [m for m in said(sent) if m.get_type() == "COMMAND_LONG"]
-    assert [(m.param1, m.param2) for m in asked[:1]] == [(105, 10_000)]
-    assert (29, 100_000) in [(m.param1, m.param2) for m in asked]
-    beats = [m for m in said(sent) if m.get_type() == "HEARTBEAT"]
-    assert {(m.type, m.autopilot) for m in beats} == {(6, 8)}
-    assert {m.get_srcSystem() for m in beats} == {255}
-    assert b"".join(heard)
+    recorded = HIGHRES.decoder().feed(b"".join(heard))["imu"].rows
+    polled = np.concatenate([block["imu"].rows for block in blocks])
+    assert polled.tobytes() == recorded.tobytes()
+    assert polled["accel"].mean(axis=0) == pytest.approx([0, 0, -STANDARD_GRAVITY], abs=0.05)
+    assert [m.param1 for m in said(sent, "COMMAND_LONG")] == [105, 29]
 
 
-def test_samples_of_ardupilot_are_on_our_axes_in_si_units():
-    model = FlightControllerModel("ardupilot", {"RAW_IMU": 2.0}, cannot=("HIGHRES_IMU",))
-    with flight_controllers(model) as served:
-        device = ImuDevice("pixhawk", served.url, SCALED, SystemClock())
-        device.start()
-        blocks = collected(device)
-        device.stop()
-    accel = np.concatenate([b.accel for b in blocks])
-    assert accel.mean(axis=0) == pytest.approx([0, 0, STANDARD_GRAVITY], abs=0.05)
-    counts = accel / (STANDARD_GRAVITY / 1000)
-    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
-    mag = np.concatenate([b.mag for b in blocks])
-    assert mag.mean(axis=0) == pytest.approx([18, 0, -44], abs=0.5)
-    t = np.concatenate([b.t for b in blocks])
-    assert np.all(np.diff(t) > 0)
-
-
-@pytest.mark.parametrize(
-    ("refusal", "word"),
-    [
-        (mavlink.MAV_RESULT_DENIED, "denied"),
-        (mavlink.MAV_RESULT_UNSUPPORTED, "unsupported"),
-        (mavlink.MAV_RESULT_FAILED, "failed"),
-    ],
-)
-def test_a_refusal_names_the_layout_to_use_instead(refusal, word, monkeypatch):
+def test_over_a_real_port_ardupilot_in_version_1_and_its_refusal(monkeypatch):
     monkeypatch.setattr(driver, "SAY_S", 0.2)
-    model = FlightControllerModel(
-        "ardupilot", {"SCALED_IMU": 10.0}, cannot=("HIGHRES_IMU",), refusal=refusal
-    )
-    with flight_controllers(model) as served:
-        device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
+    with served(changed(ARDUPILOT, version=1)) as controller:
+        refused = ImuDevice("pixhawk", controller.url, HIGHRES, SystemClock())
         with pytest.raises(DeviceError) as caught:
-            device.start()
-    assert str(caught.value) == (
-        f"pixhawk on {served.url}: the flight controller (ArduPilot, MAVLink 2, system 1 "
-        f"component 1) refuses to send HIGHRES_IMU ({word}): use --layout mavlink-scaled."
-    )
-
-
-def test_what_never_comes_though_it_was_promised_is_named(monkeypatch):
-    """Older firmware acknowledges the request and knows no such message."""
-    monkeypatch.setattr(driver, "SAY_S", 0.2)
-    monkeypatch.setattr(driver, "BEGIN_S", 1.5)
-    for rates, expected in (
-        ({"SCALED_IMU": 20.0}, "sends SCALED_IMU but no HIGHRES_IMU: use --layout mavlink-scaled."),
-        ({}, "sends neither that nor another message of its IMU: use --layout mavlink-scaled or"),
-    ):
-        model = FlightControllerModel(
-            "ardupilot", rates, cannot=("HIGHRES_IMU",), refusal=mavlink.MAV_RESULT_ACCEPTED
-        )
-        with flight_controllers(model) as served:
-            device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
-            with pytest.raises(DeviceError) as caught:
-                device.start()
-        assert expected in str(caught.value)
-
-
-def test_the_old_way_of_asking_where_the_new_one_is_refused(monkeypatch):
-    monkeypatch.setattr(driver, "SAY_S", 0.2)
-    model = FlightControllerModel("ardupilot", {})
-    with flight_controllers(model) as served:
-        controller = served.controllers[0]
-        monkeypatch.setattr(controller, "_set_interval", lambda *_: mavlink.MAV_RESULT_UNSUPPORTED)
-        device = ImuDevice("pixhawk", served.url, RAW, SystemClock())
-        device.start()
-        collected(device)
-        device.stop()
-        assert controller.rates["RAW_IMU"] == 100.0
-
-
-def test_version_1_is_spoken_to_in_its_own_way_and_named(monkeypatch):
-    monkeypatch.setattr(driver, "SAY_S", 0.2)
-    model = FlightControllerModel("ardupilot", {}, version=1, cannot=("HIGHRES_IMU",))
-    with flight_controllers(model) as served:
-        device = ImuDevice("pixhawk", served.url, SCALED, SystemClock())
-        device.start()
-        blocks = collected(device)
-        device.stop()
-        assert served.controllers[0].rates["SCALED_IMU"] == 100.0
-        assert np.isnan(np.concatenate([b.temperature for b in blocks])).all()
-        refused = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
-        with pytest.raises(DeviceError, match=r"\(ArduPilot, MAVLink 1 only, system 1"):
             refused.start()
-
-
-def test_signed_frames_are_read():
-    model = FlightControllerModel("px4", {"HIGHRES_IMU": 100.0}, key=bytes(range(32)))
-    with flight_controllers(model) as served:
-        device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
+        assert str(caught.value) == (
+            f"pixhawk on {controller.url}: the flight controller (ArduPilot, MAVLink 1 only, "
+            "system 1 component 1) refuses to send HIGHRES_IMU (failed): use --layout "
+            "mavlink-scaled."
+        )
+        device = ImuDevice("pixhawk", controller.url, SCALED, SystemClock())
         device.start()
-        collected(device)
-        assert device.health.skipped_bytes == 0
+        blocks = []
+        until(lambda: blocks.append(device.poll()) or sum(map(len, blocks)) >= 40)
         device.stop()
-
-
-def test_several_on_one_port_are_told_apart(monkeypatch):
-    monkeypatch.setattr(driver, "SAY_S", 0.2)
-    monkeypatch.setattr(driver, "BEGIN_S", 1.5)
-    models = [
-        FlightControllerModel("px4", {"HIGHRES_IMU": 100.0}),
-        FlightControllerModel("ardupilot", {"SCALED_IMU": 20.0}, system=7, cannot=("HIGHRES_IMU",)),
-    ]
-    asked = protocol_from_dict({**HIGHRES.to_dict(), "system": 7})
-    with flight_controllers(*models) as served:
-        device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
-        device.start()
-        collected(device)
-        device.stop()
-        assert "HIGHRES_IMU" not in served.controllers[1].rates
-        other = ImuDevice("pixhawk", served.url, asked, SystemClock())
-        with pytest.raises(DeviceError, match=r"system 7 component 1.*refuses to send HIGHRES_IMU"):
-            other.start()
-
-
-def test_a_rate_that_is_lost_is_asked_for_again():
-    """Another ground station, or a restart, sets it back."""
-    model = FlightControllerModel("px4", {})
-    with flight_controllers(model) as served:
-        device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
-        device.start()
-        controller = served.controllers[0]
-        controller.rates["HIGHRES_IMU"] = 5.0
-        until(lambda: device.poll() is not None and controller.rates["HIGHRES_IMU"] == 100.0)
-        device.stop()
-
-
-def test_a_silent_port_is_left_to_come_later(monkeypatch):
-    monkeypatch.setattr(driver, "START_S", 0.3)
-    model = FlightControllerModel("px4", {})
-    with flight_controllers(model) as served:
-        controller = served.controllers[0]
-        controller._awake = False
-        monkeypatch.setattr(controller, "receive", lambda data, now_s: b"")
-        device = ImuDevice("pixhawk", served.url, HIGHRES, SystemClock())
-        device.start()
-        assert "sends nothing" in device.identify_problem()
-        monkeypatch.undo()
-        controller._awake = True
-        collected(device)
-        device.stop()
+        block = ImuBlock.concatenate(blocks)
+        accel = block.accel
+        assert accel.mean(axis=0) == pytest.approx([0, 0, STANDARD_GRAVITY], abs=0.05)
+        counts = accel / (STANDARD_GRAVITY / 1000)
+        np.testing.assert_allclose(counts, np.rint(counts), atol=1e-6)
+        assert block.mag.mean(axis=0) == pytest.approx([18, 0, -44], abs=0.5)
+        port = open_port(controller.url)
+        found = read_parameters(port.write, port.read, ["INS_ACC_ID"])
+        port.close()
+        assert found.value("INS_ACC_ID") == 2753028
