@@ -9,6 +9,7 @@ import pytest
 from firmware_protocols.adis16405 import GYRO_RANGE_DPS, Command, Diag, Register, unpack_bursts
 from firmware_protocols.layout import load_layout
 from firmware_protocols.packets import counts, flag, values
+from imu_rig.imu_scaling import field_values
 from imu_rig.row_faults import faults_of
 from imu_rig.units import DEG, STANDARD_GRAVITY
 from simulators.adis16405 import ADIS16405, EVERY, Adis16405Forwarder
@@ -111,7 +112,7 @@ def test_two_sync_pulses_each_second_for_ever():
     clock_s = 2**32 * 1e-6 - 7.3  # the clock of 32 bits comes round on the way
     number = round(20 * FEED_HZ)
     rows = decode(forwarder.encode(samples(at_rest(number), clock_s=clock_s)))
-    pulses = flag(LAYOUT, rows, "range", 7)
+    pulses = field_values(LAYOUT, rows)[0]["sync_pulse"] == 1.0
     assert np.count_nonzero(pulses) == 40
     at_us = np.unwrap(rows["time"].astype(float), period=2.0**32)[pulses]
     frame_us = 1e6 / LAYOUT.rate_hz
@@ -129,6 +130,23 @@ def test_the_range_is_that_of_the_sensor(gyro_range, full):
     half_count = full / 6000 / 2
     assert values(LAYOUT, rows, "gyro")[-1] == pytest.approx([0.9 * full, 1.0, 0], abs=half_count)
     assert EA in told(forwarder, gyro_dps=(1.1 * full, 0, 0))
+
+
+def test_diag_stat_is_asked_for_only_when_the_words_say_so(monkeypatch):
+    """A burst takes 13 frames on SPI, and DIAG_STAT two more."""
+    forwarder = started()
+    told(forwarder)
+    sent = []
+    transfer = forwarder.chip.transfer
+    monkeypatch.setattr(
+        forwarder.chip, "transfer", lambda word: sent.append(word) or transfer(word)
+    )
+    told(forwarder, number=EVERY)
+    assert sent == [0x3E00] + [0] * 12
+    forwarder.chip.supply_v = 4.6
+    sent.clear()
+    told(forwarder, number=EVERY)
+    assert sent == [0x3E00] + [0] * 12 + [0x3C00, 0]
 
 
 def test_a_still_sensor_in_order_has_no_faults():
