@@ -81,15 +81,15 @@ class MtiConversation:
         if not isinstance(protocol, XsensProtocol):
             raise TypeError(f"an MTi does not speak {protocol.name}.")
         self._protocol = protocol
-        self._decoder = protocol.decoder()
         self.device_id: int | None = None
         self._beginning = False
         self._tail = b""
         self._recent = b""
         self._bytes = 0
         self._messages = 0
-        self._rows = 0
-        self._inbox: deque[Message] = deque(maxlen=64)
+        self._fitting = 0  # measurements as the layout has them
+        self._before = 0  # those of them that came before the last answer
+        self._inbox: deque[tuple[int, Message]] = deque(maxlen=64)
         self._measurement: Message | None = None
         self._fresh = 0  # measurements since the last look of keep()
         self._problem: str | None = None
@@ -132,9 +132,8 @@ class MtiConversation:
         else:
             self._set_up_mtdata2(write, hear)
         self._must(write, hear, Mid.GO_TO_MEASUREMENT, b"", "does not begin to measure")
-        self._rows, self._measurement = 0, None
-        self._listen(hear, SEND_S)
-        if not self._rows:
+        self._measurement = None
+        if not self._listen(hear, SEND_S):
             sends = "sends nothing: switch it off and on again"
             if self._measurement is not None:
                 sends = self._other_data()
@@ -220,7 +219,9 @@ class MtiConversation:
             while time.monotonic() < until:
                 self._take(hear(HEAR_S))
                 while self._inbox:
-                    message = self._inbox.popleft()
+                    before, message = self._inbox.popleft()
+                    if message.mid in (answer_to(mid), Mid.ERROR):
+                        self._before = before
                     if message.mid == answer_to(mid):
                         return Answer(data=message.data)
                     if message.mid == Mid.ERROR:
@@ -239,21 +240,19 @@ class MtiConversation:
         self._messages += len(messages)
         if self._beginning:
             self._recent = (self._recent + data)[-SHORT_BYTES:]
-            self._rows += len(self._decoder.feed(data)[""])
         for message in messages:
             if message.mid in MEASUREMENTS:
                 self._measurement = message
                 self._fresh += 1
+                self._fitting += self._beginning and self._fits(message)
             else:
-                self._inbox.append(message)
+                self._inbox.append((self._fitting, message))
 
     def _take_as_it_is(self, hear: Hear, unanswered: str) -> None:
         """Accept a unit that does not answer if it sends what is wanted; otherwise say what."""
-        self._rows, self._measurement = 0, None
-        self._listen(hear, ANSWER_S + 2.0 / self._protocol.rate_hz)
-        if self._rows:
+        if self._listen(hear, ANSWER_S + 2.0 / self._protocol.rate_hz):
             return
-        if self._measurement is not None:
+        if self._measurement is not None and not self._fits(self._measurement):
             raise DeviceError(f"the MTi does not answer, and {self._other_data()}.")
         if self._messages:
             raise DeviceError(
@@ -275,16 +274,18 @@ class MtiConversation:
             "this is its port."
         )
 
-    def _listen(self, hear: Hear, seconds: float) -> None:
+    def _listen(self, hear: Hear, seconds: float) -> bool:
+        """Wait for a measurement that fits; return whether one has come since the last answer."""
         until = time.monotonic() + seconds
-        while not self._rows and time.monotonic() < until:
+        while self._fitting == self._before and time.monotonic() < until:
             self._take(hear(HEAR_S))
+        return self._fitting > self._before
 
     def _judge(self) -> None:
         """Say what is wrong by what came last."""
         self._problem = None
         while self._inbox:
-            message = self._inbox.popleft()
+            _, message = self._inbox.popleft()
             if message.mid == Mid.ERROR:
                 self._problem = f"reports {error_words(message.data)}"
         if self._measurement is not None and not self._fits(self._measurement):
