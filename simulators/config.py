@@ -139,8 +139,10 @@ class RigConfig(Model):
         )
 
     @classmethod
-    def speaking(cls, protocol: DeviceProtocol, seed: int) -> RigConfig:
+    def speaking(cls, protocol: DeviceProtocol, seed: int, stream: str | None = None) -> RigConfig:
         """Draw a rig with an IMU of the kind that speaks a protocol.
+
+        Of a protocol with several inertial sensors, ``stream`` is the one on the jig.
 
         Packets of a fixed layout that no kind calls its own are sent by the one that sends any.
 
@@ -149,8 +151,10 @@ class RigConfig(Model):
         ValueError
             If no kind does; the sentence lists the kinds and what each speaks.
         """
+        if len(protocol.inertial_streams) == 1:
+            stream = None
         for name, kind in IMU_KINDS.items():
-            if kind.protocol == protocol.name:
+            if kind.protocol == protocol.name and stream in (None, kind.stream):
                 return cls.random(seed, imu=name)
         if not (isinstance(protocol, PacketLayout) and protocol.inertial_streams):
             spoken = ", ".join(f"{kind.protocol} ({name})" for name, kind in IMU_KINDS.items())

@@ -22,6 +22,7 @@ from imu_rig.cli.hardware import (
     Seed,
     Simulate,
     Speed,
+    StreamName,
 )
 from imu_rig.cli.options import (
     DEFAULT_METHOD,
@@ -50,6 +51,7 @@ def calibrate(
         typer.Option(help="Protocol: full (default), a name of imu-rig protocol list, or a file."),
     ] = None,
     layout: LayoutFile = None,
+    stream: StreamName = None,
     name: Annotated[
         str | None, typer.Option(help="Name of the sensor, for the certificate.")
     ] = None,
@@ -110,13 +112,14 @@ def calibrate(
     if not simulate and fault:
         raise InputError("--fault needs --simulate: real hardware brings its own.")
     hardware = Hardware(
-        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed, speed
+        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed, speed, stream
     )
     if not dry_run:
         hardware.require_ports()
     hardware.require_one_kind()
     if resume is not None:
         own = {"jig": jig, "protocol": protocol, "layout": layout, "name": name, "serial": serial}
+        own["stream"] = stream
         given = [f"--{option}" for option, value in own.items() if value is not None]
         if given or output is not None:
             raise InputError(

@@ -26,6 +26,10 @@ LayoutFile = Annotated[
         help="What the IMU sends: mpu9150-28 (default), another built-in name, or a TOML file.",
     ),
 ]
+StreamName = Annotated[
+    str | None,
+    typer.Option("--stream", help="Which of several IMUs on the port: foot or waist of two-imu."),
+]
 Baud = Annotated[int, typer.Option("--baud", help="Baud rate of the IMU's port.")]
 MaestroDevice = Annotated[
     int | None,
@@ -57,6 +61,7 @@ class Hardware:
     simulate: bool = False
     seed: int = 1
     speed: float = 1.0
+    stream: str | None = None
 
     def require_ports(self) -> None:
         """Refuse hardware that is neither named nor simulated.
@@ -89,11 +94,12 @@ class Hardware:
         Raises
         ------
         InputError
-            If the jig or the layout cannot be read.
+            If the jig or the layout cannot be read, or it is not said which of several IMUs.
         """
         from firmware_protocols.fields import LayoutError
         from firmware_protocols.known import load_protocol
         from firmware_protocols.layout import DEFAULT_LAYOUT_NAME
+        from imu_rig.devices.imu import inertial_stream
         from imu_rig.devices.jig import DEFAULT_JIG_NAME, load_jig
         from imu_rig.session.run import SessionSetup
 
@@ -101,6 +107,7 @@ class Hardware:
             layout = load_protocol(self.layout or DEFAULT_LAYOUT_NAME)
         except LayoutError as error:
             raise InputError(str(error)) from error
+        inertial_stream(layout, self.stream)
         return SessionSetup(
             imu_url=self.imu or "",
             maestro_url=self.maestro or "",
@@ -112,6 +119,7 @@ class Hardware:
             baud=self.baud,
             maestro_device=self.maestro_device,
             crc=self.maestro_crc,
+            stream=self.stream,
         )
 
     @property

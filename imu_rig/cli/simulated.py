@@ -125,7 +125,7 @@ def simulated_session(
     clock: Clock = SystemClock() if speed == 1 else ScaledClock(speed)
     transport: Literal["pty", "tcp"] = "tcp" if sys.platform == "win32" else "pty"
     try:
-        config = RigConfig.speaking(setup.layout, seed)
+        config = RigConfig.speaking(setup.layout, seed, setup.stream)
     except ValueError as error:
         raise InputError(f"--simulate: {error}") from error
     shortest, longest = config.firmware.burst_s

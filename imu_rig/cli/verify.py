@@ -24,6 +24,7 @@ from imu_rig.cli.hardware import (
     Seed,
     Simulate,
     Speed,
+    StreamName,
 )
 from imu_rig.cli.options import (
     AccelColumns,
@@ -74,6 +75,7 @@ def verify(
         str | None, typer.Option(help="Protocol of check poses: check (default) or a TOML file.")
     ] = None,
     layout: LayoutFile = None,
+    stream: StreamName = None,
     baud: Baud = DEFAULT_BAUD,
     maestro_device: MaestroDevice = None,
     maestro_crc: MaestroCrc = False,
@@ -125,7 +127,7 @@ def verify(
     certified = load_certificate(certificate)
     asked = gravity_from(gravity, latitude, height)
     hardware = Hardware(
-        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed
+        imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed, stream=stream
     )
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit

@@ -27,6 +27,7 @@ from imu_rig.packet_stream import AssembledPackets, StreamStats, assemble_packet
 from imu_rig.recording.contents import ClockPairs, Event, Gap, Marker, Missing, Source, Wire
 from imu_rig.recording.file_header import read_file_header
 from imu_rig.recording.format import (
+    CERTIFICATES,
     CLOCK_PAIR,
     IMPORTED_FROM,
     MARKER,
@@ -305,7 +306,7 @@ class Trial:
         # Most trials are read without, and its checks take as long to import as all the rest.
         from imu_rig.calibration.certificate import parse_certificate
 
-        kept = self.source(name).descriptor.get("certificate")
+        kept = self.kept_certificate(name)
         if kept is None:
             raise InputError(
                 f"{self.path} holds no certificate of {name!r}: read it uncalibrated, or apply "
@@ -313,6 +314,24 @@ class Trial:
             )
         text = encode_json(kept, "The certificate")
         return parse_certificate(text, f"{self.path}, the certificate of {name!r}")
+
+    def kept_certificate(self, name: str) -> Any:
+        """Return what was recorded as the certificate of a sensor, unchecked; None without.
+
+        One without the name of a stream is that of the only inertial stream of its port.
+
+        Raises
+        ------
+        InputError
+            If the trial has no such sensor.
+        """
+        source, stream = self._place(name)
+        descriptor = self.source(source).descriptor
+        of_streams = descriptor.get(CERTIFICATES)
+        if isinstance(of_streams, dict) and stream in of_streams:
+            return of_streams[stream]
+        alone = self._protocol(source).inertial_streams in ((stream,), ())
+        return descriptor.get("certificate") if alone else None
 
     def imu_in_time(self, name: str) -> ImuBlock:
         """Return the samples of a sensor to measure with, as :meth:`imu`.
@@ -408,14 +427,15 @@ class Trial:
 
     def _is_inertial(self, name: str) -> bool:
         try:
-            return is_inertial(self._layout(name))
+            return is_inertial(self.layout(name))
         except InputError:  # its samples will say what is wrong with its layout
             return self.source(name).kind == "imu"
 
     def _place(self, name: str) -> tuple[str, str]:
         """Return the source and the stream of a sensor.
 
-        A source with several streams of which one is inertial may be named without its stream.
+        A source with several streams may be named without its stream where one is inertial, or
+        where it says which is meant, as a session's does.
 
         Raises
         ------
@@ -430,6 +450,9 @@ class Trial:
             return source, next(iter(protocol.streams))
         if len(protocol.inertial_streams) == 1:
             return source, protocol.inertial_streams[0]
+        meant = self.source(source).descriptor.get("stream")
+        if isinstance(meant, str) and meant in protocol.inertial_streams:
+            return source, meant
         sensors = ", ".join(repr(sensor) for sensor in self._sensors_of(source))
         raise InputError(f"The source {name!r} of {self.path} has several sensors: {sensors}.")
 
@@ -459,7 +482,14 @@ class Trial:
             _place(piece, starts, lengths[chosen], data, places[chosen])
         return rows, stops, data
 
-    def _layout(self, name: str) -> RowLayout:
+    def layout(self, name: str) -> RowLayout:
+        """Return what each packet of a sensor says.
+
+        Raises
+        ------
+        InputError
+            As :meth:`samples`.
+        """
         source, stream = self._place(name)
         return self._protocol(source).streams[stream]
 

@@ -5,6 +5,7 @@ Events come from a file and are checked like any other input from outside.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -71,6 +72,7 @@ class SessionRecord:
     visits: tuple[Visit, ...]
     notices: tuple[str, ...]
     recoveries: int
+    stream: str | None = None
 
     @property
     def finished(self) -> set[int]:
@@ -117,7 +119,8 @@ def read_session(trial: Trial) -> SessionRecord:
     if not is_session(trial):
         raise InputError(f"{trial.path} holds no calibration session.")
     try:
-        layout = protocol_from_dict(trial.sources[IMU_SOURCE].descriptor["layout"])
+        described = trial.sources[IMU_SOURCE].descriptor
+        layout = protocol_from_dict(described["layout"])
         visits: dict[int, Visit] = {}
         for event in trial.events:
             if event.name == "pose":
@@ -134,10 +137,17 @@ def read_session(trial: Trial) -> SessionRecord:
                 str(e.fields.get("text", ""))[:500] for e in trial.events if e.name == "notice"
             ),
             recoveries=sum(1 for e in trial.events if e.name == "recovered"),
+            stream=_stream(layout, described),
         )
     except (ValidationError, KeyError, TypeError, AttributeError, LayoutError) as error:
         reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         raise InputError(f"{trial.path}: the session in it makes no sense: {reason}.") from error
+
+
+def _stream(layout: DeviceProtocol, described: Mapping[str, Any]) -> str | None:
+    """Return the stream that the session says is its sensor's, if it is an inertial one."""
+    stream = described.get("stream")
+    return stream if stream in layout.inertial_streams else None
 
 
 def _text(value: object) -> str:

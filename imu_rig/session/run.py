@@ -29,7 +29,7 @@ class SessionSetup:
 
     ``layout`` is what the sensor sends, ``protocol`` where it is taken; ``maestro_device`` is the
     controller's Pololu device number where several share a line, ``crc`` whether it expects a
-    check byte behind every command.
+    check byte behind every command. ``stream`` is the sensor on the jig where one port has several.
     """
 
     imu_url: str
@@ -43,6 +43,7 @@ class SessionSetup:
     baud: int = 115200
     maestro_device: int | None = None
     crc: bool = False
+    stream: str | None = None
 
     def plan(self) -> SessionPlan:
         """Dry-run the protocol on the jig."""
@@ -75,6 +76,7 @@ def resumed_setup(path: Path, setup: SessionSetup) -> SessionSetup:
         baud=setup.baud,
         maestro_device=setup.maestro_device,
         crc=setup.crc,
+        stream=record.stream,
     )
 
 
@@ -114,9 +116,10 @@ def run_session(
         engine: SessionEngine | None = None
         stack.callback(lambda: _close(trial, reason, keep=resume or engine is not None))
         try:
-            imu_source = trial.add_source(
-                IMU_SOURCE, "imu", {"layout": setup.layout.to_dict(), "url": setup.imu_url}
-            )
+            described = {"layout": setup.layout.to_dict(), "url": setup.imu_url}
+            if setup.stream is not None:
+                described["stream"] = setup.stream
+            imu_source = trial.add_source(IMU_SOURCE, "imu", described)
             maestro_source = trial.add_source(MAESTRO_SOURCE, "servo", {"url": setup.maestro_url})
             # the controller first: its errors concern safety
             maestro = MaestroClient(
@@ -140,6 +143,7 @@ def run_session(
                 clock,
                 tap=lambda t_ns, data: trial.bytes_in(imu_source, t_ns, data),
                 sent=lambda t_ns, data: trial.bytes_out(imu_source, t_ns, data),
+                stream=setup.stream,
                 baud=setup.baud,
             )
             imu.start()
