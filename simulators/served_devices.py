@@ -163,15 +163,21 @@ class ServedDevices:
         with self._lock:
             return sum(lane.sent for lane in self._devices[name].lanes.values())
 
-    def counters(self, name: str, stream: str | None = None) -> list[tuple[int, int]]:
+    def counters(self, name: str) -> list[tuple[int, int]]:
         """Return first and last number of every unbroken run of samples that were handed out.
 
         Samples are numbered from 0 at the device's start; what goes over the wire is that number
-        modulo the counter's type. Of several streams the first, where none is named.
+        modulo the counter's type. Of several streams it is the first.
+        """
+        return next(iter(self.counters_of(name).values()))
+
+    def counters_of(self, name: str) -> dict[str, list[tuple[int, int]]]:
+        """Return the same of every stream by its name.
+
+        A device that can be spoken to makes all its streams at once, under the name "".
         """
         with self._lock:
-            lanes = self._devices[name].lanes
-            return list(lanes[next(iter(lanes)) if stream is None else stream].runs)
+            return {s: list(lane.runs) for s, lane in self._devices[name].lanes.items()}
 
     def dropped(self, name: str) -> int:
         """Return bytes of those handed out that were lost because the client did not read."""

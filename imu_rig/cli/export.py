@@ -125,15 +125,13 @@ def _listed(names: list[str]) -> str:
 
 def _fields(trial: Trial, name: str) -> set[str]:
     """Names of the fields in a device's packets."""
-    fields = trial.source(name).descriptor["layout"].get("fields")
-    listed = fields if isinstance(fields, list) else []
-    return {str(field.get("name")) for field in listed if isinstance(field, dict)}
+    return {field.name for field in trial.layout(name).fields}
 
 
 def _kept_certificates(trial: Trial, names: list[str]) -> dict[str, Certificate]:
     """Return the certificates that were recorded with the sensors, and say which have none."""
     imus = [name for name in names if name in trial.imus]
-    with_one = [name for name in imus if "certificate" in trial.source(name).descriptor]
+    with_one = [name for name in imus if trial.kept_certificate(name) is not None]
     if not with_one:
         raise InputError(
             f"{trial.path} holds no certificate of {_listed(imus) or 'any sensor'}: export it "

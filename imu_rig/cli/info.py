@@ -182,5 +182,5 @@ def recorded_device(trial: Trial, name: str) -> DeviceInfo:
 
     if is_session(trial) and name == IMU_SOURCE:
         return device_of(read_session(trial))
-    layout = trial.sources[name].descriptor.get("layout", {}).get("name", "")
+    layout = trial.source(name).descriptor.get("layout", {}).get("name", "")
     return DeviceInfo(name=name, layout=layout)

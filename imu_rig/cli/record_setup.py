@@ -135,6 +135,9 @@ def device_from(text: str, known: Any = ()) -> DeviceSetup:
             values["required"] = False
         elif key == "optional" and value:
             values["optional_streams"] = (*values.get("optional_streams", ()), value)
+        elif key.startswith("certificate.") and value:
+            stream = key.removeprefix("certificate.")
+            values["certificates"] = {**values.get("certificates", {}), stream: value}
         elif key in ("layout", "baud", "certificate") and value:
             values[key] = value
         else:

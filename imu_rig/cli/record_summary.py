@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from imu_rig.stopping import StopRequest
 
 UNSURE_S = 0.5  # of times; less is a slow link, more in a short trial is a clock that errs
-NAME_WIDTH = 20
+NAME_WIDTH = 24
 WIDTH = 78
 MOST_BYTES_AT_ONCE = 20_000_000
 """A larger file is not read again at the end to state its uncertainty of time."""
@@ -143,4 +143,5 @@ def summary_lines(outcome: RecordingOutcome, times: Times = UNKNOWN) -> list[str
 
 
 def _short(name: str) -> str:
-    return textwrap.shorten(one_line(name, 60), NAME_WIDTH, placeholder="…")
+    line = one_line(name, 60)
+    return line if len(line) <= NAME_WIDTH else f"{line[: NAME_WIDTH - 1]}…"

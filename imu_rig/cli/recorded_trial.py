@@ -21,7 +21,7 @@ MOST_NOTES = 12
 COUNTED = ("corrupt", "duplicates", "restarts", "reconnects")
 WIDTH = 80
 LABEL_WIDTH = 10
-NAME_WIDTH = 20
+NAME_WIDTH = 22
 
 
 def is_recorded(trial: Trial) -> bool:
@@ -35,7 +35,7 @@ def recorded_facts(trial: Trial) -> dict[str, Any]:
 
     with Working("Reading every packet") as working:
         devices = {}
-        for name in trial.sources:
+        for name in _names(trial):
             working.now(f"Reading every packet of {one_line(name, 40)}")
             devices[name] = _device(trial, name)
     config, start = trial.config, trial.utc()
@@ -51,8 +51,18 @@ def recorded_facts(trial: Trial) -> dict[str, Any]:
     }
 
 
+def _names(trial: Trial) -> list[str]:
+    """Names of all sources, in the place of one with several streams those of its sensors."""
+    sensors = trial.sensors
+    return [
+        name
+        for source in trial.sources
+        for name in [s for s in sensors if trial.source(s).name == source] or [source]
+    ]
+
+
 def _device(trial: Trial, name: str) -> dict[str, Any]:
-    source = trial.sources[name]
+    source = trial.source(name)
     described = source.descriptor
     facts: dict[str, Any] = {"kind": source.kind, "port": described.get("url")}
     if name not in trial.sensors:
@@ -61,8 +71,8 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     layout = described["layout"]
     facts["layout"] = layout.get("name") if isinstance(layout, dict) else None
     facts["required"] = described.get("required", True)
-    facts["certificate"] = _certificate(described.get("certificate"))
     try:
+        facts["certificate"] = _certificate(trial.kept_certificate(name))
         samples, missing = trial.samples(name), trial.missing(name)
     except InputError as error:
         return {**facts, "problem": str(error)}
@@ -80,7 +90,10 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     }
     statistics = trial.device_statistics(name)
     if statistics:
-        facts |= {key: statistics[-1][1].get(key) for key in COUNTED}
+        last = statistics[-1][1]
+        facts |= {key: last.get(key) for key in COUNTED}
+        faults = last.get("faults")
+        facts["faults"] = [str(fault) for fault in faults] if isinstance(faults, dict) else []
     facts["imported"] = trial.imported(name)
     uncertainty = trial.time_uncertainty_s(name) if count else math.nan
     facts["time_uncertainty_s"] = uncertainty if math.isfinite(uncertainty) else None
@@ -184,6 +197,10 @@ def _table(devices: dict[str, dict[str, Any]]) -> list[str]:
     for name, device in devices.items():
         if device.get("time_problem") is not None:
             lines += wrapped(f"{name}: {device['time_problem']}.", WIDTH)
+    for name, device in devices.items():
+        if device.get("faults"):
+            faults = ", ".join(one_line(fault, 60) for fault in device["faults"])
+            lines += wrapped(f"{name} reported: {faults}.", WIDTH)
     certified = {n: d["certificate"] for n, d in devices.items() if d.get("certificate")}
     for name, sensor in certified.items():
         lines += wrapped(f"{name} has the certificate of {sensor}.", WIDTH)

@@ -241,15 +241,14 @@ class TrialData:
         calibrated: tuple[str, ...] = ()
         if name in self._certificates:
             samples, calibrated = calibrate(samples, self._certificates[name])
-        layout = trial.source(name).descriptor.get("layout", {})
-        rate = layout.get("rate_hz")
+        described = trial.source(name).descriptor.get("layout", {})
         device = DeviceData(
             source=name,
             name=one_line(name),
             key=self.keys[name],
             kind=one_line(trial.source(name).kind),
-            layout=one_line(str(layout.get("name", ""))),
-            rate_hz=float(rate) if isinstance(rate, int | float) else None,
+            layout=one_line(str(described.get("name", ""))),
+            rate_hz=trial.layout(name).rate_hz,
             samples=samples,
             calibrated=calibrated,
             missing=tuple(trial.missing(name)),

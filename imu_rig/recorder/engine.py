@@ -21,7 +21,7 @@ from imu_rig.recorder.jig_keeper import JigKeeper
 from imu_rig.recorder.keeper import DeviceKeeper, final_fault
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.recorder.status import RecorderState, RecorderStatus
-from imu_rig.recording.format import MARKER, RECORD_OVERHEAD, TRIAL_KIND
+from imu_rig.recording.format import CERTIFICATES, MARKER, RECORD_OVERHEAD, TRIAL_KIND
 from imu_rig.recording.latency import Latency
 from imu_rig.recording.log import RecordingOptions
 from imu_rig.recording.writer import TrialWriter
@@ -95,13 +95,8 @@ class Recorder:
         self._setup, self._path, self._clock = setup, path, clock
         self._stop = stop or StopRequest()
         self._observe, self._notify, self._wait_s = observe, notify, wait_s
-        protocols = [device.protocol() for device in setup.devices]
-        self._protocols = dict(zip(setup.devices, protocols, strict=True))
-        self._certificates = {
-            device: load_certificate(device.certificate).model_dump(mode="json")
-            for device in setup.devices
-            if device.certificate is not None
-        }
+        self._protocols = {device.name: device.protocol() for device in setup.devices}
+        self._certificates = {device.name: _certificates(device) for device in setup.devices}
         self._options = options or RecordingOptions(planned_bytes=self._planned_bytes())
         self._trial: TrialWriter | None = None
         self._keepers: list[DeviceKeeper] = []
@@ -193,15 +188,14 @@ class Recorder:
             keeper.start()
 
     def _keeper(self, device: DeviceSetup, trial: TrialWriter) -> DeviceKeeper:
-        protocol = self._protocols[device]
+        protocol = self._protocols[device.name]
         descriptor: dict[str, Any] = {
             "layout": protocol.to_dict(),
             "url": device.port,
             "baud": device.baud,
             "required": device.required,
+            **self._certificates[device.name],
         }
-        if device in self._certificates:
-            descriptor["certificate"] = self._certificates[device]
         kind = "imu" if protocol.inertial_streams else "sensor"
         source = trial.add_source(device.name, kind, descriptor)
 
@@ -331,6 +325,19 @@ class Recorder:
             return self._options.file_system.free_bytes(self._path.parent)
         except OSError:
             return None
+
+
+def _certificates(device: DeviceSetup) -> dict[str, Any]:
+    """Return what a device's descriptor holds of certificates."""
+    kept: dict[str, Any] = {}
+    if device.certificate is not None:
+        kept["certificate"] = load_certificate(device.certificate).model_dump(mode="json")
+    if device.certificates:
+        kept[CERTIFICATES] = {
+            stream: load_certificate(file).model_dump(mode="json")
+            for stream, file in device.certificates.items()
+        }
+    return kept
 
 
 def _planned_rate(protocol: DeviceProtocol) -> float:

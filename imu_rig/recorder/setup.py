@@ -48,6 +48,8 @@ class DeviceSetup(_Model):
         Those of several streams on its port that may stay away.
     certificate : Path or None
         Of its calibration; kept in the trial beside the raw bytes.
+    certificates : dict of str to Path
+        The same for several inertial sensors on its port, by stream.
     """
 
     name: Name
@@ -57,6 +59,7 @@ class DeviceSetup(_Model):
     required: bool = True
     optional_streams: Annotated[tuple[Name, ...], Field(max_length=64)] = ()
     certificate: Path | None = None
+    certificates: Annotated[dict[str, Path], Field(max_length=64)] = {}
 
     @field_validator("name")
     @classmethod
@@ -85,11 +88,22 @@ class DeviceSetup(_Model):
             protocol = load_protocol(self.layout)
         except LayoutError as error:
             raise InputError(f"Device {self.name!r}: {error}") from error
+        names = ", ".join(name for name in protocol.streams if name)
+        has = f"its streams are {names}" if names else "it sends one stream, which has no name"
         for stream in self.optional_streams:
             if stream not in protocol.streams:
-                names = ", ".join(name for name in protocol.streams if name)
-                has = f"its streams are {names}" if names else "it sends one stream only"
-                raise InputError(f"Device {self.name!r}: {stream!r} cannot be optional, for {has}.")
+                raise InputError(f"Device {self.name!r}: no stream {stream!r} is optional; {has}.")
+        inertial = protocol.inertial_streams
+        for stream in self.certificates:
+            if stream not in inertial:
+                raise InputError(
+                    f"Device {self.name!r}: no stream {stream!r} has a certificate; {has}."
+                )
+        if self.certificate is not None and len(inertial) > 1:
+            raise InputError(
+                f"Device {self.name!r} has several sensors: say of which stream the certificate "
+                f"is, as in certificate.{inertial[0]}=FILE."
+            )
         return protocol
 
 
@@ -183,6 +197,9 @@ def load_setup(path: Path) -> TrialSetup:
             update={
                 "layout": beside(device.layout),
                 "certificate": device.certificate and folder / device.certificate,
+                "certificates": {
+                    stream: folder / file for stream, file in device.certificates.items()
+                },
             }
         )
         for device in setup.devices

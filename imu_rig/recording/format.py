@@ -41,6 +41,7 @@ TRIAL = 0  # source number of records about the trial itself
 
 # Words in the JSON of records, for who writes them and who looks for them.
 TRIAL_KIND = "trial"  # of the configuration, where it is no session of a jig
+CERTIFICATES = "certificates"  # in the descriptor of a source: those of its streams by name
 IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorder heard
 MARKER, RESUMED = "marker", "resumed"  # events
 UNPLUGGED, SILENT, UNREADABLE = "unplugged", "silent", "unreadable"  # reasons of gaps

@@ -43,13 +43,13 @@ MOST_CPU_SHARE = 0.5
 
 DEVICES = {
     f"imu {number}": {
-        "layout": "mpu9150-28",
+        "protocol": "mpu9150-28",
         "rate_hz": RATE_HZ,
         "seed": number,
         "skew_ppm": 20.0 * number,
     }
     for number in range(IMUS)
-} | {"barometer": {"layout": "baro-16", "seed": 9}}
+} | {"barometer": {"protocol": "baro-16", "seed": 9}}
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def run(seconds: float, folder: Path) -> LoadFigures:
         setup = TrialSetup.model_validate(
             {
                 "devices": [
-                    {"name": name, "port": devices.urls[name], "layout": how["layout"]}
+                    {"name": name, "port": devices.urls[name], "layout": how["protocol"]}
                     for name, how in DEVICES.items()
                 ],
                 "jig": {"maestro": devices.urls["servos"]},
@@ -125,7 +125,7 @@ def run_program(seconds: float, folder: Path) -> LoadFigures:
     with DeviceProcess(DEVICES, servos="servos") as devices:
         options = ["--maestro", devices.urls["servos"], "--output", str(folder)]
         for name, how in DEVICES.items():
-            options += ["--device", f"{name}={devices.urls[name]},layout={how['layout']}"]
+            options += ["--device", f"{name}={devices.urls[name]},layout={how['protocol']}"]
         program = str(Path(sys.executable).with_name("imu-rig"))
         child, terminal = pty.fork()
         if child == 0:
