@@ -11,6 +11,7 @@ from mavlink_writer import Writer, numbers_of, parsed, random_fields
 from pymavlink.dialects.v10 import all as every_1
 from pymavlink.dialects.v20 import all as every
 
+from firmware_protocols import mavlink_frames
 from firmware_protocols.checksums import checksum
 from firmware_protocols.mavlink_frames import (
     MAVLINK_FORMAT,
@@ -269,6 +270,22 @@ def test_array_form_and_plain_form_find_the_same(data):
     assert short.starts.tolist() == many.starts.tolist()
     assert short.lengths.tolist() == many.lengths.tolist()
     assert (short.decided, short.corrupt) == (many.decided, many.corrupt)
+
+
+@pytest.mark.parametrize("few", [0, 1000])
+def test_few_frames_are_read_as_many_are(few, monkeypatch):
+    old, signing = Writer(2, 7, version=1), Writer(3, 3, key=bytes(32))
+    data = b"".join(
+        writer(
+            name, *random_fields(getattr(writer.dialect, f"MAVLink_{name.lower()}_message"), rng)
+        )
+        for rng in [np.random.default_rng(5)]
+        for name in [*MESSAGES] * 3
+        for writer in (Writer(), old, signing)
+    )
+    usual, _ = read(data)
+    monkeypatch.setattr(mavlink_frames, "FEW_FRAMES", few)
+    assert read(data)[0] == usual
 
 
 def test_statistics_add_up_at_every_byte():
