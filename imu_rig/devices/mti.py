@@ -212,12 +212,13 @@ class MtiConversation:
 
     def _ask(self, write: Write, hear: Hear, mid: Mid, data: bytes = b"") -> Answer:
         """Send a message until it is answered; raise `_NoAnswer` if it never is."""
+        kept = [entry for entry in self._inbox if entry[1].mid != Mid.ERROR]
+        self._inbox.clear()
+        self._inbox.extend(kept)
         for _ in range(TRIES):
-            self._inbox.clear()
             write(encode_message(mid, data))
             until = time.monotonic() + ANSWER_S
             while time.monotonic() < until:
-                self._take(hear(HEAR_S))
                 while self._inbox:
                     before, message = self._inbox.popleft()
                     if message.mid in (answer_to(mid), Mid.ERROR):
@@ -229,6 +230,8 @@ class MtiConversation:
                     if message.mid == Mid.WAKE_UP:  # it started anew: hold it in its Config state
                         write(encode_message(Mid.WAKE_UP_ACK))
                         until = 0.0
+                if until:
+                    self._take(hear(HEAR_S))
         raise _NoAnswer(f"{mid:02X} ({mid.name})")
 
     def _take(self, data: bytes) -> None:

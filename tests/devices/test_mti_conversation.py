@@ -287,7 +287,7 @@ def test_slow_items_may_come_less_often(talk):
     assert np.mean(np.isfinite(packets.rows["pressure"])) == pytest.approx(0.5, abs=0.02)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_nothing_that_comes_raises_anything_else(data):
     pieces = st.binary(max_size=30) | st.builds(

@@ -125,7 +125,7 @@ def test_arrays_and_plain_python_follow_the_rule(stream):
     assert said(find_frames(TINY, stream)) == rule
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(TINY_STREAMS, st.data())
 def test_chunks_do_not_matter(stream, data):
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=6))

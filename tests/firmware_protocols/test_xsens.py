@@ -159,7 +159,7 @@ def test_a_self_test_that_did_not_pass_is_a_fault(protocol, mid):
     assert told.layout.field("alarms").faults
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.data())
 def test_any_outputs_in_any_format_come_back(data):
     """Every known item once, in any order and format; the numbers are exact in their format."""
@@ -211,6 +211,7 @@ def test_legacy_messages_in_any_format_come_back(number_format, counts):
     assert rows["counter"][0] == 0x1234
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 0xFFFF), st.binary(max_size=60))
 def test_unknown_items_are_skipped_by_their_size(identifier, raw):
     item = item_of(identifier)
@@ -274,7 +275,7 @@ def test_losses_are_counted_by_the_packet_counter():
     assert (stats.good, stats.lost, stats.duplicates, stats.reordered) == (9, 3, 1, 1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_chunks_do_not_matter(data):
     pieces = data.draw(
