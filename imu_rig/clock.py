@@ -55,7 +55,8 @@ class ScaledClock:
     """A clock that runs ``speed`` times as fast as the machine's, for simulated hardware.
 
     A stall of the whole process (no thread looked at the clock for ``STALL_S``) is left out, so
-    that a busy machine does not look like hardware that went silent.
+    that a busy machine does not look like hardware that went silent; and what is simulated by it
+    may hold it, to come along.
 
     Parameters
     ----------
@@ -64,6 +65,7 @@ class ScaledClock:
     """
 
     STALL_S = 0.02
+    SHORTEST_SLEEP_S = 0.0002
 
     def __init__(self, speed: float) -> None:
         if not speed > 0:
@@ -72,20 +74,32 @@ class ScaledClock:
         self._lock = threading.Lock()
         self._seen = time.monotonic_ns()
         self._now = float(self._seen)
+        self._held: dict[object, float] = {}
 
     def now_ns(self) -> int:
         """Nanoseconds on the scaled clock, continuous from the moment it was made."""
         with self._lock:
             seen = time.monotonic_ns()
-            self._now += min(seen - self._seen, self.STALL_S * NS_PER_S) * self.speed
+            passed = min(seen - self._seen, self.STALL_S * NS_PER_S) * self.speed
+            allowed = min(self._held.values(), default=self._now + passed)
+            self._now = max(self._now, min(self._now + passed, allowed))
             self._seen = seen
             return int(self._now)
+
+    def hold(self, holder: object, at_ns: float | None) -> None:
+        """Stand still at a moment until the same holder names another; None lets the clock go."""
+        with self._lock:
+            if at_ns is None:
+                self._held.pop(holder, None)
+            else:
+                self._held[holder] = at_ns
 
     def sleep(self, seconds: float) -> None:
         """Sleep for ``seconds`` of scaled time."""
         end = self.now_ns() + seconds * NS_PER_S
         while (left := end - self.now_ns()) > 0:
-            time.sleep(min(left / NS_PER_S / self.speed, self.STALL_S / 2))
+            wait_s = min(left / NS_PER_S / self.speed, self.STALL_S / 2)
+            time.sleep(max(wait_s, self.SHORTEST_SLEEP_S))
 
 
 class SteppedClock:

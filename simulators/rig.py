@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from imu_rig.arrays import FloatArray
-from imu_rig.clock import NS_PER_S, Clock, SteppedClock
+from imu_rig.clock import NS_PER_S, Clock, ScaledClock, SteppedClock
 from simulators.config import RigConfig
 from simulators.models import JigModel, Matrix3, Vector3
 from simulators.ports import SimulatedPort, Transport, port_maker, wait_readable
@@ -29,6 +29,9 @@ SHORTEST_WAIT_S = 0.001
 
 SLICE_S = 0.05
 """Longest step of the world between two looks at the ports, when it lags behind its clock."""
+
+LEAD_S = 0.1
+"""So far a clock that is faster than life may run ahead of the world; then it waits for it."""
 
 
 @dataclass(frozen=True)
@@ -288,13 +291,22 @@ class SimulatedRig:
                 with self._lock:
                     behind_s = self._now_s() - self.world.t_s
                     self._serve(self.world.t_s + min(behind_s, SLICE_S))
+                    self._hold_clock(self.world.t_s + LEAD_S)
                     descriptors = [d for port in self._ports.values() for d in port.descriptors()]
                 if behind_s <= SLICE_S:
                     self._wait(descriptors)
+                else:
+                    self._stopping.wait(SHORTEST_WAIT_S)  # clients must get their turn
         finally:  # clients must see that nobody serves them any more
+            self._hold_clock(None)
             with self._lock:
                 for port in self._ports.values():
                     port.unplug()
+
+    def _hold_clock(self, at_s: float | None) -> None:
+        """Let a clock that can wait go no further than a world time."""
+        if isinstance(self._clock, ScaledClock):
+            self._clock.hold(self, None if at_s is None else self._origin_ns + at_s * NS_PER_S)
 
     def _wait(self, descriptors: list[int]) -> None:
         """Wait until a client writes or the next look is due.

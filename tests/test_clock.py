@@ -26,6 +26,24 @@ def test_a_stall_of_the_process_is_left_out_of_scaled_time() -> None:
     assert passed == pytest.approx(10.0 * ScaledClock.STALL_S, rel=0.1)
 
 
+def test_scaled_time_stands_where_it_is_held_and_goes_on_without_a_leap() -> None:
+    clock = ScaledClock(100.0)
+    holder = object()
+    held_at = clock.now_ns() + NS_PER_S // 10
+    clock.hold(holder, held_at)
+    for _ in range(5):
+        time.sleep(0.01)
+        clock.now_ns()
+    assert clock.now_ns() == held_at
+    clock.hold(holder, held_at + NS_PER_S)
+    assert clock.now_ns() < held_at + NS_PER_S, "the time it was held for is gone"
+    clock.sleep(0.8)
+    assert held_at + 0.8 * NS_PER_S <= clock.now_ns() <= held_at + NS_PER_S
+    clock.hold(holder, None)
+    clock.sleep(2.0)
+    assert clock.now_ns() >= held_at + 2.8 * NS_PER_S
+
+
 def test_a_clock_cannot_stand_or_go_back() -> None:
     with pytest.raises(ValueError, match="above 0"):
         ScaledClock(0.0)

@@ -13,7 +13,7 @@ from firmware_protocols.layout import load_layout
 from firmware_protocols.maestro import GetPosition, SetSpeed, SetTarget, encode
 from imu_rig.clock import ScaledClock, SteppedClock, SystemClock
 from simulators.config import RigConfig
-from simulators.rig import SimulatedRig
+from simulators.rig import LEAD_S, SimulatedRig
 
 LAYOUT = load_layout("mpu9150-28")
 TRANSPORTS = ["pty", "tcp"]
@@ -104,6 +104,28 @@ def test_a_stepped_rig_has_no_thread_and_moves_only_when_told():
         pytest.raises(RuntimeError, match="SteppedClock"),
     ):
         live.step(1.0)
+
+
+def test_a_fast_clock_waits_for_a_world_that_is_too_slow_and_goes_on_without_it(monkeypatch):
+    clock = ScaledClock(20.0)
+    rig = SimulatedRig(RigConfig(), clock=clock)
+    advance = rig.world.advance
+
+    def toil(t_s):
+        time.sleep(0.01)
+        advance(t_s)
+
+    monkeypatch.setattr(rig.world, "advance", toil)
+    with rig:
+        end = time.monotonic() + 0.5
+        behind = []
+        while time.monotonic() < end:
+            behind.append(rig.lag_s)
+            time.sleep(0.005)
+    assert max(behind) <= LEAD_S + 1e-6
+    before = clock.now_ns()
+    clock.sleep(1.0)
+    assert clock.now_ns() - before >= 1_000_000_000
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
