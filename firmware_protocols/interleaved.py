@@ -131,6 +131,7 @@ def from_dict(data: Mapping[str, Any]) -> InterleavedProtocol:
         if not isinstance(data.get(key), kind):
             what = "a list of tables, each under [[streams]]" if kind is list else "a text"
             raise LayoutError(f"{key} must be {what}.")
+    check_names(data["name"], data.get("title", ""))
     entries = data["streams"]
     if len(entries) > MAX_STREAMS:
         raise LayoutError(f"streams must list 1 to {MAX_STREAMS} streams.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from itertools import pairwise
 
 import numpy as np
@@ -292,9 +293,41 @@ class TestDescription:
             ({"streams": [DATA["streams"][0]] * 2}, "stream 'foot' is there twice"),
             ({"speed": 3}, "the key 'speed' is not known"),
             ({"name": 3}, "name must be a text"),
+            ({"name": "a pair"}, "^name 'a pair' cannot be used"),
             ({"title": 3}, "title must be a text"),
         ],
     )
     def test_what_cannot_be_used_is_refused(self, changed, words):
         with pytest.raises(LayoutError, match=words):
             from_dict(self.without(**changed))
+
+    @settings(max_examples=60)
+    @given(
+        st.dictionaries(
+            st.sampled_from(["name", "title", "streams", "fields", "header", "checksum", "clock"]),
+            st.recursive(
+                st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+                lambda inner: (
+                    st.lists(inner, max_size=3)
+                    | st.dictionaries(
+                        st.sampled_from(["name", "header", "type", "kind", "x"]), inner, max_size=3
+                    )
+                ),
+                max_leaves=8,
+            ),
+        )
+    )
+    def test_nonsense_is_refused_in_words(self, changed):
+        with contextlib.suppress(LayoutError):
+            from_dict({**self.DATA, **changed})
+
+    def test_many_long_headers_are_told_apart(self):
+        streams = [
+            {"name": f"s{i}", "header": " ".join(["A5"] * 63 + [f"{i:02X}"])} for i in range(16)
+        ]
+        protocol = from_dict(self.without(streams=streams))
+        sent = [encode(layout, {"seq": [i]}) for i, (_, layout) in enumerate(protocol.layouts)]
+        stream = b"".join(sent * 20)
+        got = protocol.decoder().feed(b"\xa5" * 200 + stream)
+
+        assert [len(packets) for packets in got.values()] == [20] * 16
