@@ -43,6 +43,12 @@ CREEP_EVERY_S = 4.0
 CRUISE = (0.33, 0.60)
 """Shares of the swing between which the foot is at its fastest."""
 
+EDGE_M, OVER_EDGE_M = 0.1, 0.1
+"""A stride that rises by so much [m] goes over an edge, and so much higher than its end."""
+OVER_EDGE_AT = 0.36
+UP_FIRST = 0.06
+"""Shares of the swing at which it is highest, and before which it only goes up."""
+
 STRIKE_S = 0.06
 """In this time the ground takes the last speed from the foot."""
 
@@ -166,6 +172,8 @@ class Foot:
         length = math.hypot(way[0], way[1])
         toes, last = self._toes(after, begin, swing), begin + swing - STRIKE_S
         cruise_from, cruise_to = (begin + share * swing for share in CRUISE)
+        if way[2] >= EDGE_M:  # up before ahead
+            toes = begin + UP_FIRST * swing
         times = (toes, cruise_from, cruise_to, last, begin + swing)
         cruise = swept(times, (0.0, 1.0, 1.0, 0.0, 0.0))
         braked = swept(times, (0.0, 0.0, 0.0, 1.0, 0.0))
@@ -189,10 +197,12 @@ class Foot:
 
     def _lift(self, after: Footfall, begin: float, swing: float, rise: float) -> None:
         gait = after.gait
-        up = gait.lift_m + max(rise, 0.0)
+        lift, high = gait.lift_m, gait.lift_at
+        if rise >= EDGE_M:
+            lift, high = max(lift, OVER_EDGE_M), OVER_EDGE_AT
+        up = lift + max(rise, 0.0)
         down = up - rise
         last = 1.0 - STRIKE_S / swing
-        high = gait.lift_at
         shares = (0.4 * high, high, 0.5 * (high + last), last, 1.0)
         toes = self._toes(after, begin, swing)
         times = (toes, *(begin + share * swing for share in shares))

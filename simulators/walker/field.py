@@ -84,7 +84,7 @@ def building_field(
     moments = rng.normal(0.0, 1.0, (len(places), 3)) * rng.lognormal(0.0, 0.5, (len(places), 1))
     uniform = np.array(EARTH_UT)
     low_size, high_size = 0.0, GREATEST
-    for _ in range(25):  # the share grows with the moments
+    for _ in range(12):  # the share grows with the moments
         size = 0.5 * (low_size + high_size)
         norm = np.linalg.norm(MagneticField(uniform, places, size * moments).at(way), axis=-1)
         if np.std(norm) / np.mean(norm) < disturbance:

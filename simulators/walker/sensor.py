@@ -14,9 +14,10 @@ from simulators.walker.field import MagneticField
 from simulators.walker.jets import Vector, add, constant
 from simulators.walker.motion import Mover
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 LONGEST_PANEL_S = 0.01
-"""Longest piece over which one rule of six nodes averages."""
+"""Longest piece over which one rule averages."""
+SHORT_PANEL_S, FEW_NODES, NODES = 0.003, 4, 6
+"""Pieces so short need few nodes."""
 
 
 @dataclass(frozen=True)
@@ -148,10 +149,12 @@ class IdealSensor:
         cuts = np.unique(np.concatenate((fine, inside, edges[-1:])))
         half = 0.5 * np.diff(cuts)
         middle = 0.5 * (cuts[1:] + cuts[:-1])
-        nodes = middle[:, np.newaxis] + half[:, np.newaxis] * NODES
+        few = bool(np.max(half, initial=0.0) <= 0.5 * SHORT_PANEL_S)
+        rule, weights = np.polynomial.legendre.leggauss(FEW_NODES if few else NODES)
+        nodes = middle[:, np.newaxis] + half[:, np.newaxis] * rule
         motion = self.at(nodes.ravel())
         felt = np.hstack((motion.force, motion.rate, motion.field)).reshape(len(half), -1, 9)
-        panels = np.einsum("pnc,n->pc", felt, WEIGHTS) * half[:, np.newaxis]
+        panels = np.einsum("pnc,n->pc", felt, weights) * half[:, np.newaxis]
         first = np.searchsorted(cuts, edges[:-1])
         sums = np.add.reduceat(panels, first, axis=0)
         duration = np.diff(edges)

@@ -24,6 +24,8 @@ HEIGHT_M = 0.98
 
 DEGREE = 5
 KNOT_EVERY_S = 0.3
+MORE = 2 * DEGREE
+"""Control points added alike at both ends, so that the body rests where the splines end."""
 BEGINS_S = 2.0
 """Before time 0 the body is at rest; so long it takes to sway fully."""
 
@@ -166,16 +168,16 @@ def _filled(points: list[Waypoint]) -> list[Waypoint]:
 
 def _knots(t: FloatArray) -> FloatArray:
     """Return the knots with which every control point acts around its time."""
-    reach = (DEGREE + 1) // 2
-    before = t[0] + KNOT_EVERY_S * np.arange(-reach, 0)
-    after = t[-1] + KNOT_EVERY_S * np.arange(1, reach + 1)
-    return np.concatenate((before, t, after))
+    ends = KNOT_EVERY_S * np.arange(1, MORE + (DEGREE + 1) // 2 + 1)
+    return np.concatenate((t[0] - ends[::-1], t, t[-1] + ends))
 
 
 def _spline(knots: FloatArray, values: FloatArray) -> Channel:
-    reach = (DEGREE + 1) // 2
-    inner = np.concatenate((np.full(reach, values[0]), values, np.full(reach, values[-1])))
-    ends = KNOT_EVERY_S * np.arange(1, reach + 1)
-    outer = np.concatenate((knots[0] - ends[::-1], knots, knots[-1] + ends))
-    pieces = PPoly.from_spline(BSpline(outer, inner, DEGREE))
-    return Channel(pieces.x[:-1], pieces.c[::-1].T)
+    """Return the spline with given control points; before the first and after the last it rests."""
+    control = np.concatenate((np.full(MORE, values[0]), values, np.full(MORE, values[-1])))
+    pieces = PPoly.from_spline(BSpline(knots, control, DEGREE))
+    inside = slice(DEGREE, len(control))
+    rest = np.zeros((1, DEGREE + 1))
+    rest[0, 0] = values[-1]
+    breaks = np.append(pieces.x[inside], knots[len(control)])
+    return Channel(breaks, np.vstack((pieces.c[::-1, inside].T, rest)))
