@@ -289,8 +289,8 @@ def _finding_json(finding: Finding, address: str) -> dict[str, Any]:
         found["layout"] = finding.recognized.name
         found["streams"] = {name: _rounded(rate) for name, rate in finding.rates_hz.items()}
         found["record"] = _command(address, found["layout"], heard.baud)
-    if finding.unknown is not None:
-        found["packets"] = unknown_json(finding.unknown)
+    if finding.kinds:
+        found["packets"] = [unknown_json(kind) for kind in finding.kinds]
     if finding.frames is not None:
         found["frames"] = frames_json(finding.frames)
     return found
@@ -308,7 +308,7 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
     from imu_rig.cli.unknown_view import show_frames, show_unknown
     from imu_rig.devices.listening import baud_matters
 
-    sheet = Sheet(DRAFT_INDENT if finding.unknown is not None else INDENT)
+    sheet = Sheet(DRAFT_INDENT if finding.kinds else INDENT)
     heard = finding.heard
     at = f" at {heard.baud} baud" if baud_matters(port) else ""
     rate = f", {heard.bytes_per_s:.0f} a second" if heard.bytes_per_s else ""
@@ -326,11 +326,14 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
         return
     if finding.state in ("silent", "closed"):
         return
-    if finding.unknown is not None:
-        each = finding.unknown.rate_hz
-        often = f", {each:.1f} a second" if each else ""
-        sheet.row([(f"  {finding.says}{often}; no layout known here fits.", "yellow")])
-        show_unknown(finding.unknown, sheet)
+    if finding.kinds:
+        sheet.row([("  sends packets that no layout known here describes.", "yellow")])
+        for number, kind in enumerate(finding.kinds, start=1):
+            named = f"Kind {number}: " if len(finding.kinds) > 1 else ""
+            often = f", {kind.rate_hz:.1f} a second" if kind.rate_hz else ""
+            sheet.blank()
+            sheet.row([(f"  {named}{kind.length} bytes{often}", "bold")])
+            show_unknown(kind, sheet)
         sheet.blank()
         _print_draft(port, address, finding, written, sheet)
         return
@@ -384,11 +387,11 @@ def _write_draft(finding: Finding, path: Path) -> str:
     from imu_rig.devices.unknown.draft import draft_layout
     from imu_rig.files import write_whole
 
-    if finding.unknown is None:
+    if not finding.kinds:
         found = "it is known already" if finding.recognized is not None else finding.says
         raise InputError(f"No layout file was written: {found}.")
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", path.stem).strip("-._")[:64] or DRAFT_NAME
-    text = draft_layout(finding.unknown, name)
+    text = draft_layout(finding.kinds, name)
     write_whole(path, text.encode(), what="a layout file")
     return str(path)
 

@@ -25,7 +25,6 @@ Finding = tuple[range, str, str, str]
 def show_unknown(found: UnknownPackets, sheet: Sheet) -> None:
     """Print what was found in packets of one length, then some of them in rows."""
     findings = list(unknown_findings(found))
-    sheet.blank()
     sheet.row([("  bytes    mark  how sure  meaning", "dim")])
     for places, mark, sureness, text in findings[:MOST_FINDINGS]:
         shown = f"{places.start}" if len(places) == 1 else f"{places.start}-{places.stop - 1}"

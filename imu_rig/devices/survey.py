@@ -23,7 +23,8 @@ from imu_rig.devices.recognize import (
     other_messages,
     text_in,
 )
-from imu_rig.devices.unknown.analysis import UnknownPackets, analyse
+from imu_rig.devices.unknown.analysis import UnknownPackets
+from imu_rig.devices.unknown.kinds import analyse_kinds
 from imu_rig.devices.unknown.variable import VariableFrames, find_frames_of_variable_length
 from imu_rig.devices.usb_names import usb_name
 from imu_rig.errors import ImuRigError
@@ -56,7 +57,8 @@ class Finding:
     says : str
         What it is or what is wrong, in half a sentence.
     recognized : Recognized or None
-    unknown : UnknownPackets or None
+    kinds : tuple of UnknownPackets
+        Of packets of no known layout, where that was found.
     frames : VariableFrames or None
     """
 
@@ -64,7 +66,7 @@ class Finding:
     heard: Heard
     says: str
     recognized: Recognized | None = None
-    unknown: UnknownPackets | None = None
+    kinds: tuple[UnknownPackets, ...] = ()
     frames: VariableFrames | None = None
 
     @property
@@ -142,13 +144,13 @@ def judge(heard: Heard, protocols: Mapping[str, DeviceProtocol] | None = None) -
             f"{frames.header.hex(' ').upper()}"
         )
         return Finding("unknown", heard, words, frames=frames)
-    unknown = analyse(data, heard.span_s or None, heard.pauses)
-    if unknown is not None:
-        words = (
-            f"sends packets of {unknown.length} bytes that begin with "
-            f"{unknown.header.hex(' ').upper()}"
+    kinds = analyse_kinds(data, heard.span_s or None, heard.pauses)
+    if kinds:
+        each = " and ".join(
+            f"{found.length} bytes that begin with {found.header.hex(' ').upper()}"
+            for found in kinds
         )
-        return Finding("unknown", heard, words, unknown=unknown)
+        return Finding("unknown", heard, f"sends packets of {each}", kinds=tuple(kinds))
     baud = heard.baud if baud_matters(heard.url) else None
     return Finding("noise", heard, explain_unknown(data, baud, protocols=protocols))
 

@@ -109,7 +109,7 @@ def test_an_unknown_device_gets_a_layout_file_that_reads_it(
 def test_findings_for_programs(inside: Any, served: ServedDevices) -> None:
     lab = served.add("lab", LAB, 200.0)
     done = inside("devices", "identify", lab, "--seconds", 1.0, "--json")
-    packets = json.loads(done.stdout)["packets"]
+    (packets,) = json.loads(done.stdout)["packets"]
     assert packets["length"] == 30
     assert packets["rate_hz"] == pytest.approx(200.0, rel=0.05)
     sums = [f for f in packets["findings"] if "checksum" in f["meaning"]]

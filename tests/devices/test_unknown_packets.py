@@ -8,17 +8,26 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_protocols.checksums import SIZES
+from firmware_protocols.known import load_protocol, protocol_from_dict
 from firmware_protocols.layout import Checksum, Field, PacketLayout
 from firmware_protocols.packets import encode
-from imu_rig.devices.unknown.analysis import analyse
 from imu_rig.devices.unknown.counting import tick_s
 from imu_rig.devices.unknown.draft import draft_layout
+from imu_rig.devices.unknown.kinds import analyse_kinds
 from imu_rig.devices.unknown.period import find_period
 from imu_rig.devices.unknown.variable import find_frames_of_variable_length
+from simulators.device_packets import DevicePackets
 
 PACKETS = 300
 RATE_HZ = 100.0
 GRAVITY_COUNTS = 4096
+
+
+def analyse(data, seconds=None, pauses=()):
+    """Return the only kind of packets that is found; None for none."""
+    kinds = analyse_kinds(data, seconds, pauses)
+    assert len(kinds) <= 1
+    return kinds[0] if kinds else None
 
 
 def signal(rng, size, *, amplitude=3000.0, noise=12.0):
@@ -122,7 +131,7 @@ def test_what_was_put_into_packets_is_found(layout, seed, cut):
             assert set(found.clock.places) <= set(range(places["time"], places["time"] + 4))
             assert found.clock.byte_order == layout.byte_order
     assert abs(found.rate_hz / RATE_HZ - 1) < 0.03
-    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout(found, "drafted")))
+    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout([found], "drafted")))
     decoder = drafted.decoder()
     packets = decoder.feed(heard).get("", ())
     assert len(packets) >= 0.95 * PACKETS - 12
@@ -155,7 +164,7 @@ def still_packets(kind="i16", *, scale=GRAVITY_COUNTS, seed=5):
 def test_gravity_is_told_by_its_constant_magnitude(scale):
     layout, data = still_packets(scale=scale)
     found = analyse(data, 3.0)
-    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout(found, "drafted")))
+    drafted = PacketLayout.from_dict(tomllib.loads(draft_layout([found], "drafted")))
     accel = drafted.field("accel")
     assert (accel.count, accel.unit, accel.counts_per_unit) == (3, "g", scale)
     rows = drafted.decoder().feed(data)[""].rows
@@ -166,7 +175,7 @@ def test_gravity_is_told_by_its_constant_magnitude(scale):
 
 def test_gravity_in_metres_per_second_squared():
     _, data = still_packets("f32", scale=9.81)
-    drafted = tomllib.loads(draft_layout(analyse(data, 3.0), "drafted"))
+    drafted = tomllib.loads(draft_layout([analyse(data, 3.0)], "drafted"))
     accel = next(field for field in drafted["fields"] if field["name"] == "accel")
     assert accel == {"name": "accel", "type": "f32", "count": 3, "unit": "m/s2"}
 
@@ -229,9 +238,9 @@ def test_streams_that_hold_no_numbers_are_no_packets(data):
     st.one_of(st.binary(max_size=3000), st.binary(min_size=2, max_size=40).map(lambda b: b * 90))
 )
 def test_no_bytes_break_the_analysis(data):
-    found = analyse(data, 1.0)
-    if found is not None:
-        PacketLayout.from_dict(tomllib.loads(draft_layout(found, "any")))
+    kinds = analyse_kinds(data, 1.0)
+    if kinds:
+        protocol_from_dict(tomllib.loads(draft_layout(kinds, "any")))
     find_frames_of_variable_length(data)
 
 
@@ -252,3 +261,35 @@ def test_frames_of_variable_length_are_found_by_their_length_byte():
 def test_packets_of_one_length_are_no_frames_of_variable_length():
     _, data = still_packets()
     assert find_frames_of_variable_length(data) is None
+
+
+def woven(protocol, seconds=4.0):
+    """Packets of every stream at its own rate, in the order of time."""
+    due, made = [], {}
+    for place, (name, layout) in enumerate(protocol.streams.items()):
+        number = round(seconds * layout.rate_hz)
+        made[name] = DevicePackets(layout, layout.rate_hz, place + 1).make(0, number)
+        due += [(n / layout.rate_hz + 0.001 * place, name, n) for n in range(number)]
+    parts = []
+    for _, name, number in sorted(due):
+        length = protocol.streams[name].length
+        parts.append(made[name][number * length : (number + 1) * length])
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("name", ["two-imu", "waist-unit"])
+def test_several_kinds_of_packets_become_several_streams(name):
+    protocol = load_protocol(name)
+    data = woven(protocol)
+    kinds = analyse_kinds(data[9:], 4.0)
+    assert len(kinds) == len(protocol.streams)
+    drafted = protocol_from_dict(tomllib.loads(draft_layout(kinds, "drafted")))
+    for kind, layout in zip(kinds, protocol.streams.values(), strict=True):
+        assert kind.length == layout.length
+        assert layout.header.startswith(kind.header) or kind.header.startswith(layout.header)
+        assert kind.checksum.kind == layout.checksum.kind
+        assert kind.rate_hz == pytest.approx(layout.rate_hz, rel=0.03)
+        assert tick_s(kind.clock.step, kind.rate_hz) == (layout.clock_tick_s, True)
+    sent = protocol.decoder().feed(data)
+    found = drafted.decoder().feed(data)
+    assert [len(p) for p in found.values()] == [len(p) for p in sent.values()]

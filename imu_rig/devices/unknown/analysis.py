@@ -1,4 +1,4 @@
-"""Everything that can be told of unknown bytes, put together."""
+"""Packets of one length among unknown bytes, and everything that can be told of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from imu_rig.arrays import BoolArray, ByteArray, IntArray
 from imu_rig.devices.unknown.checksum import FoundChecksum, find_checksum
 from imu_rig.devices.unknown.counting import Going, find_clock, find_counter
 from imu_rig.devices.unknown.fields import Gravity, Part, divide, find_gravity, unread
-from imu_rig.devices.unknown.period import align, find_period
+from imu_rig.devices.unknown.period import Aligned, align
 
 CONSTANT = 0.95  # share of the packets in which a byte must be the same
 MOST_BEGINNINGS = 24  # that are tried
@@ -67,63 +67,78 @@ class UnknownPackets:
         return int(self.rows.shape[1])
 
 
-def analyse(
-    data: bytes, seconds: float | None = None, pauses: tuple[int, ...] = ()
-) -> UnknownPackets | None:
-    """Find packets of one length in bytes of which nothing is known.
+@dataclass(frozen=True)
+class Framed:
+    """Packets of one length from their likely beginning on.
+
+    Attributes
+    ----------
+    aligned : Aligned
+    checksum : FoundChecksum or None
+    sure : bool
+        Whether a checksum or pauses tell where a packet begins.
+    share : float
+        Of the bytes, those in packets.
+    """
+
+    aligned: Aligned
+    checksum: FoundChecksum | None
+    sure: bool
+    share: float
+
+    @property
+    def length(self) -> int:
+        """Bytes of a packet."""
+        return self.aligned.period
+
+
+def frame(data: bytes, period: int, pauses: tuple[int, ...] = ()) -> Framed | None:
+    """Cut a stream into packets of a known length; None where that cannot be done."""
+    aligned = align(data, period)
+    if aligned is None:
+        return None
+    constant = constant_places(aligned.rows)
+    if constant.all():
+        return None
+    share = _share(aligned.starts, period)
+    for candidate in _beginnings(constant):
+        turned = aligned.turned(candidate)
+        checksum = find_checksum(turned.rows)
+        if checksum is not None:
+            return Framed(turned, checksum, True, share)
+    hinted = _hinted(aligned.starts, period, pauses)
+    sure = hinted is not None and bool(constant[hinted])
+    beginning = hinted if sure and hinted is not None else _likeliest(aligned.rows, constant)
+    return Framed(aligned.turned(beginning), None, sure, share)
+
+
+def describe(framed: Framed, rate_hz: float | None, header_bytes: int = 0) -> UnknownPackets:
+    """Say what the bytes of packets seem to mean.
 
     Parameters
     ----------
-    data : bytes
-        A few seconds of a stream, from any point on; losses and damage in it are tolerated.
-    seconds : float, optional
-        How long they took to come.
-    pauses : tuple of int
-        Places in ``data`` that came after a pause on the line: packets often begin there.
-
-    Returns
-    -------
-    UnknownPackets or None
-        None where no period is found, or where all packets are the same.
+    framed : Framed
+    rate_hz : float or None
+        Packets per second.
+    header_bytes : int
+        How many bytes belong to the header at least.
     """
-    period = find_period(data)
-    aligned = None if period is None else align(data, period)
-    if period is None or aligned is None:
-        return None
-    constant = _constant(aligned.rows)
-    if constant.all():
-        return None
-    candidates = _beginnings(constant)
-    checksum: FoundChecksum | None = None
-    beginning, sure = 0, False
-    for candidate in candidates:
-        checksum = find_checksum(aligned.turned(candidate).rows)
-        if checksum is not None:
-            beginning, sure = candidate, True
-            break
-    else:
-        hinted = _hinted(aligned.starts, period, pauses)
-        sure = hinted is not None and bool(constant[hinted])
-        beginning = hinted if sure and hinted is not None else _likeliest(aligned.rows, constant)
-    aligned = aligned.turned(beginning)
-    rows = aligned.rows
-    constant = np.roll(constant, -beginning)
-    header = _header(rows, constant, checksum is not None)
-    end = period - (checksum.size if checksum is not None else 0)
+    aligned, checksum = framed.aligned, framed.checksum
+    constant = constant_places(aligned.rows)
+    header = _header(aligned.rows, constant, checksum is not None, header_bytes)
+    end = framed.length - (checksum.size if checksum is not None else 0)
     free = set(range(len(header), end))
     counter = find_counter(aligned, free)
     free -= set(counter.places) if counter else set()
-    share = _share(aligned.starts, period)
-    rate_hz = None if not seconds else share * len(data) / period / seconds
     clock = find_clock(aligned, free, rate_hz)
     free -= set(clock.places) if clock else set()
     parts = divide(aligned, free)
     if len(parts) > MOST_PARTS:
         parts = unread(free)
     return UnknownPackets(
-        rows,
-        share,
-        sure,
+        aligned.rows,
+        framed.share,
+        framed.sure,
         constant,
         header,
         checksum,
@@ -135,7 +150,8 @@ def analyse(
     )
 
 
-def _constant(rows: ByteArray) -> BoolArray:
+def constant_places(rows: ByteArray) -> BoolArray:
+    """Return which bytes are the same in nearly all rows."""
     usual = np.array([np.bincount(column).argmax() for column in rows.T])
     return np.asarray((rows == usual).mean(axis=0) >= CONSTANT)
 
@@ -188,12 +204,12 @@ def _likeliest(rows: ByteArray, constant: BoolArray) -> int:
     return best
 
 
-def _header(rows: ByteArray, constant: BoolArray, checked: bool) -> bytes:
+def _header(rows: ByteArray, constant: BoolArray, checked: bool, least: int) -> bytes:
     """Return the first bytes that stay the same, but no zeros that may be a number at rest."""
-    longest = HEADER_WITH_CHECKSUM if checked else LONGEST_HEADER
-    usual = bytes(int(np.bincount(column).argmax()) for column in rows[:, : 2 * longest].T)
-    taken = 1
-    while taken < longest and taken < len(usual) and constant[taken]:
+    longest = max(least, HEADER_WITH_CHECKSUM if checked else LONGEST_HEADER)
+    usual = bytes(int(np.bincount(column).argmax()) for column in rows[:, :longest].T)
+    taken = max(1, least)
+    while taken < min(longest, len(usual)) and constant[taken]:
         if usual[taken] == 0 and taken > 1:
             break
         taken += 1

@@ -7,7 +7,10 @@ the bytes that it was made of.
 from __future__ import annotations
 
 import json
+import tomllib
+from collections.abc import Sequence
 
+from firmware_protocols.layout import PacketLayout
 from imu_rig.devices.unknown.analysis import UnknownPackets
 from imu_rig.devices.unknown.counting import Going, tick_s
 from imu_rig.devices.unknown.fields import Part
@@ -15,24 +18,44 @@ from imu_rig.devices.unknown.fields import Part
 COUNTER_WIDTHS = {1: "u8", 2: "u16", 3: "u24", 4: "u32"}
 
 
-def draft_layout(found: UnknownPackets, name: str) -> str:
+def draft_layout(kinds: Sequence[UnknownPackets], name: str) -> str:
     """Return the text of a layout file.
 
     Parameters
     ----------
-    found : UnknownPackets
+    kinds : sequence of UnknownPackets
+        One; or several kinds of packets that take turns, each of which becomes a stream.
     name : str
         Name of the layout.
     """
-    order = _usual_order(found)
+    heard = " and ".join(f"{len(found.rows)} packets of {found.length} bytes" for found in kinds)
     lines = [
-        f"# A draft, made by listening to {len(found.rows)} packets of {found.length} bytes.",
+        f"# A draft, made by listening to {heard}.",
         '# "sure" was true of all of them; "guess" is likely and yours to check. Name what',
         "# you know: accel, gyro and mag (three numbers each, with unit and counts_per_unit),",
         "# temperature, pressure. How: docs/own-packets.md.",
         "",
         f"name = {json.dumps(name)}",
         'title = "Draft: what is this device?"',
+    ]
+    if len(kinds) == 1:
+        return "\n".join(lines + _described(kinds[0], "")) + "\n"
+    lines.append('kind = "interleaved" # several kinds of packets, told apart by their headers')
+    for number, found in enumerate(kinds, start=1):
+        lines += ["", "[[streams]]", f'name = "kind{number}" # yours to choose']
+        lines += _described(found, "streams.")
+    return "\n".join(lines) + "\n"
+
+
+def drafted_layout(found: UnknownPackets) -> PacketLayout:
+    """Return the layout that such a draft describes."""
+    return PacketLayout.from_dict(tomllib.loads(draft_layout([found], "drafted")))
+
+
+def _described(found: UnknownPackets, table: str) -> list[str]:
+    """Return the lines of one kind of packets, whose tables have that beginning."""
+    order = _usual_order(found)
+    lines = [
         f"byte_order = {json.dumps(order)} # guess: by which signals are smoothest",
         f'header = "{found.header.hex(" ").upper()}" # {_header_words(found)}',
     ]
@@ -48,15 +71,16 @@ def draft_layout(found: UnknownPackets, name: str) -> str:
         lines.append(f"rate_hz = {found.rate_hz:.4g} # as heard: put in the nominal rate")
     entries += _measured(found, order)
     for _, entry in sorted(entries):
-        lines += ["", *entry]
+        lines += ["", f"[[{table}fields]]", *entry]
     if found.checksum is not None:
         check = found.checksum
-        lines += ["", "[checksum] # sure: holds in the packets heard", f'kind = "{check.kind}"']
+        lines += ["", f"[{table}checksum] # sure: holds in the packets heard"]
+        lines.append(f'kind = "{check.kind}"')
         if check.start:
             lines.append(f"start = {check.start}")
         if check.size > 1 and check.byte_order != order:
             lines.append(f'byte_order = "{check.byte_order}"')
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _header_words(found: UnknownPackets) -> str:
@@ -101,7 +125,7 @@ def _going(name: str, going: Going, order: str, found: UnknownPackets) -> list[s
     words = f"sure to count in {going.width} byte{'s'[: going.width != 1]}"
     if wider:
         words += "; perhaps wider, by the byte beside it that did not change"
-    lines = ["[[fields]]", f'name = "{name}" # {words}', f'type = "{COUNTER_WIDTHS[going.width]}"']
+    lines = [f'name = "{name}" # {words}', f'type = "{COUNTER_WIDTHS[going.width]}"']
     if going.width > 1 and going.byte_order != order:
         lines.append(f'byte_order = "{going.byte_order}"')
     return lines
@@ -120,7 +144,6 @@ def _measured(found: UnknownPackets, order: str) -> list[tuple[int, list[str]]]:
                 (
                     part.at,
                     [
-                        "[[fields]]",
                         f'name = "same{same}" # did not change: {shown}{more}',
                         'type = "pad"',
                         f"count = {part.size}",
@@ -132,9 +155,9 @@ def _measured(found: UnknownPackets, order: str) -> list[tuple[int, list[str]]]:
         gravity = found.gravity
         count = 3 if _are_axes(found, index) else 1
         number += 1
-        lines = ["[[fields]]", f'name = "raw{number}"', f'type = "{part.type}"']
+        lines = [f'name = "raw{number}"', f'type = "{part.type}"']
         if gravity is not None and gravity.first == index:
-            lines[1] = 'name = "accel" # guess: the magnitude of the three stays that of gravity'
+            lines[0] = 'name = "accel" # guess: the magnitude of the three stays that of gravity'
         if count > 1:
             lines.append(f"count = {count}")
         if part.size > 1 and part.byte_order != order:

@@ -61,7 +61,8 @@ def _likely_headers(data: bytes) -> list[bytes]:
     values = np.frombuffer(data, np.uint8).astype(np.int64)
     pairs, counts = np.unique(values[:-1] << 8 | values[1:], return_counts=True)
     likely = pairs[np.argsort(-counts)[:LIKELY_HEADERS]].tolist()
-    return [pair.to_bytes(2, "big") for pair in likely] + [bytes([byte]) for byte, _ in singles]
+    headers = [pair.to_bytes(2, "big") for pair in likely] + [bytes([byte]) for byte, _ in singles]
+    return [header for header in headers if header[0]]  # zeros are the high bytes of small numbers
 
 
 def _places(data: bytes, header: bytes) -> IntArray:
