@@ -69,7 +69,7 @@ def ferraris(session: Session) -> Outcome:
     accel = AccelOutcome(fit.affine, sigma, left_out, left_out_sigma)
     warnings = [_what_is_trusted(session, fit, int(np.isfinite(left_out).sum()))]
     if not session.has_gyro:
-        warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
+        warnings.append("No gyroscope shows anything, so only the accelerometer was calibrated.")
         return Outcome("sensor", accel, None, tuple(warnings))
     gyro = _solve_gyro(session, fit.affine, axis, sign, g)
     return Outcome("sensor", accel, gyro, tuple(warnings))

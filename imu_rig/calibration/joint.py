@@ -189,7 +189,7 @@ def _outcome(session: Session, solved: _Solved, warnings: list[str]) -> Outcome:
         gyro, more = _gyro(solved, line)
         warnings += more
     elif not np.any(np.ptp(session.block.gyro, axis=0) > 0):
-        warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
+        warnings.append("No gyroscope shows anything, so only the accelerometer was calibrated.")
     return Outcome(
         frame="sensor",
         accel=AccelOutcome(line, sigma, error, error_sigma),

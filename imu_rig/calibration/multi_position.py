@@ -65,7 +65,7 @@ def multi_position(session: Session) -> Outcome:
         gyro, more = _solve_gyro(session, fit)
         warnings += more
     else:
-        warnings.append("The gyroscope shows nothing, so only the accelerometer was calibrated.")
+        warnings.append("No gyroscope shows anything, so only the accelerometer was calibrated.")
     accel = AccelOutcome(fit.affine, fit.sigma, fit.left_out, fit.left_out_sigma)
     return Outcome("sensor", accel, gyro, tuple(warnings))
 
