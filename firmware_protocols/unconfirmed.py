@@ -210,3 +210,10 @@ ICM20602_CROSS_AXIS = 0.02
 Its noise and its sensitivity are those of the data sheet's first page. A flight controller whose
 own calibration was taken out, at rest on six sides, tells; with it in, the errors are smaller.
 """
+
+XSENS_TEMPERATURE_HZ = 10
+"""Messages per second with a temperature that an MTi of the later generations sends at most.
+
+What the maker's program asked an MTi-300 for; its driver in ROS says 1. The answer to
+SetOutputConfiguration tells.
+"""

@@ -60,7 +60,8 @@ class Item:
     count : int
         Numbers in it.
     code : str
-        "f" for numbers in any of the four formats, otherwise a numpy type.
+        "f" for numbers in any of the four formats, "utc" for a date and time, otherwise a numpy
+        type.
     earth : bool
         Whether it is relative to the axes of the earth.
     """
@@ -74,6 +75,7 @@ class Item:
 ITEMS = {
     0x0810: Item("temperature", 1),
     PACKET_COUNTER: Item("counter", 1, ">u2"),
+    0x1010: Item("utc", 1, "utc"),
     SAMPLE_TIME_FINE: Item("time", 1, ">u4"),
     0x2010: Item("quaternion", 4, earth=True),
     0x2020: Item("quaternion", 9, earth=True),
@@ -112,6 +114,7 @@ FIELDS = {
         Field("temperature", "f64", unit="degC"),
         Field("quaternion", "f64", count=4),
         Field("pressure", "f64", unit="Pa"),
+        Field("utc", "f64", unit="s"),
         Field("delta_v", "f64", count=3, unit="m/s"),
         Field("delta_q", "f64", count=4),
         Field("free_accel", "f64", count=3, unit="m/s2"),
@@ -148,6 +151,8 @@ def item_of(identifier: int) -> Item | None:
 def size_of(identifier: int) -> int:
     """Return the bytes that the data of a known identifier take."""
     item = ITEMS[identifier & 0xFFF0]
+    if item.code == "utc":
+        return _UTC.itemsize
     if item.code != "f":
         return item.count * np.dtype(item.code).itemsize
     return item.count * NUMBER_BYTES[identifier & 0x3]
@@ -202,6 +207,15 @@ _FIXED_16_32 = np.dtype(
 )
 
 
+_UTC = np.dtype(
+    [
+        ("nanosecond", ">u4"),
+        ("year", ">u2"),
+        *((name, "u1") for name in ("month", "day", "hour", "minute", "second", "flags")),
+    ]
+)
+
+
 def read_item(identifier: int, raw: Bytes) -> FloatArray:
     """Return what an item says, as the row's field takes it.
 
@@ -217,6 +231,8 @@ def read_item(identifier: int, raw: Bytes) -> FloatArray:
         Magnetic field in the unit's own unit; what is relative to the earth in east, north, up.
     """
     item = ITEMS[identifier & 0xFFF0]
+    if item.code == "utc":
+        return _utc(raw)
     if item.code != "f":
         whole: FloatArray = np.ascontiguousarray(raw).view(item.code)[:, 0].astype(np.float64)
         return whole
@@ -226,6 +242,28 @@ def read_item(identifier: int, raw: Bytes) -> FloatArray:
     if item.earth:
         return _vectors_to_enu(numbers, identifier & 0xC)
     return numbers[:, 0] if item.count == 1 else numbers
+
+
+def _utc(raw: Bytes) -> FloatArray:
+    """Return seconds since 1970, shape (n,); NaN where there is no such date and time."""
+    parts = np.ascontiguousarray(raw).view(_UTC)[:, 0]
+    year, month, day = (parts[name].astype(np.int64) for name in ("year", "month", "day"))
+    months = (year - 1970) * 12 + month - 1
+    days = months.astype("M8[M]").astype("M8[D]").astype(np.int64) + day - 1
+    seconds: FloatArray = 86_400.0 * days + parts["nanosecond"] / 1e9
+    for name, factor in (("hour", 3600.0), ("minute", 60.0), ("second", 1.0)):
+        seconds += factor * parts[name]
+    exists = (
+        (month >= 1)
+        & (month <= 12)
+        & (day >= 1)
+        & (day <= 31)
+        & (parts["hour"] < 24)
+        & (parts["minute"] < 60)
+        & (parts["second"] <= 60)
+        & (parts["nanosecond"] < 1e9)
+    )
+    return np.where(exists, seconds, np.nan)
 
 
 def as_quaternions(numbers: FloatArray, *, by_columns: bool = False) -> FloatArray:

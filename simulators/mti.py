@@ -21,6 +21,7 @@ from firmware_protocols.unconfirmed import (
     XSENS_LEGACY_MATRIX_BY_COLUMNS,
     XSENS_MTI_NOISE,
     XSENS_MTI_RANGE,
+    XSENS_TEMPERATURE_HZ,
     XSENS_UT_PER_UNIT,
 )
 from firmware_protocols.xsens import PERIOD_HZ, PERIODS, TICK_S
@@ -54,8 +55,8 @@ WAKE_S = 0.5
 """How long it waits for WakeUpAck."""
 
 EVERY_SAMPLE = 0xFFFF
-MAX_HZ = {0x3010: 50, 0xC020: 100}
-"""Of pressure and magnetic field; the rest goes up to `FASTEST_HZ`."""
+MAX_HZ = {0x0810: XSENS_TEMPERATURE_HZ, 0x3010: 50, 0xC020: 100}
+"""Of temperature, pressure and magnetic field; the rest goes up to `FASTEST_HZ`."""
 FASTEST_HZ = 400
 MAX_OUTPUTS = 32
 DEFAULT_HZ = 100
@@ -320,6 +321,8 @@ class MtiUnit:
             if item.earth:
                 values = _earth(values, identifier & 0xC)
         values = np.atleast_2d(values.T).T
+        if item.code == "utc":
+            return [bytes(12)] * len(samples)  # it has no receiver, and so no date
         if item.code != "f":
             whole = np.rint(values).astype(np.int64) % (1 << 8 * _bytes(item.code))
             return _rows(whole.astype(item.code))

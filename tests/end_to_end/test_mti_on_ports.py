@@ -79,7 +79,9 @@ def test_samples_come_whatever_state_the_unit_is_in(kind, state):
     assert sent[0] == GO_TO_CONFIG
     assert np.linalg.norm(block.accel, axis=1) == pytest.approx(9.8, abs=0.2)
     assert np.linalg.norm(block.mag, axis=1) == pytest.approx(48.7, abs=3.0)
-    assert block.temperature == pytest.approx(np.full(len(block), 28.0), abs=1.0)
+    known = block.temperature[np.isfinite(block.temperature)]  # not of every sample
+    assert known == pytest.approx(np.full(len(known), 28.0), abs=1.0)
+    assert len(known) >= 5
     steps = np.diff(block.counter)
     assert np.count_nonzero(steps != 1) <= 1  # where it was set up anew
 

@@ -3,6 +3,7 @@
 import struct
 import tomllib
 from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
@@ -70,6 +71,12 @@ def message_bytes(items):
     """An MTData2 message of identifiers and the bytes of their data."""
     data = b"".join(struct.pack(">HB", i, len(raw)) + raw for i, raw in items)
     return encode_message(Mid.MT_DATA2, data)
+
+
+def utc(moment):
+    """Data of the item for a moment in seconds since 1970."""
+    of = datetime.fromtimestamp(moment, UTC)
+    return struct.pack(">IH6B", 0, of.year, of.month, of.day, of.hour, of.minute, of.second, 0x7)
 
 
 def full_message(counter, accel=(0.0, 0.0, 9.81)):
@@ -171,7 +178,12 @@ def test_any_outputs_in_any_format_come_back(data):
     for field in chosen:
         base = data.draw(st.sampled_from(by_field[field]))
         item = ITEMS[base]
-        if item.code != "f":
+        if item.code == "utc":
+            identifier = base
+            moment = data.draw(st.integers(0, 2**32 - 1))
+            wanted[field] = float(moment)
+            raw = utc(moment)
+        elif item.code != "f":
             identifier, size = base, np.dtype(item.code).itemsize
             number = data.draw(st.integers(0, 256**size - 1))
             raw, wanted[field] = number.to_bytes(size, "big"), number
@@ -220,6 +232,17 @@ def test_unknown_items_are_skipped_by_their_size(identifier, raw):
     head = [(0x1020, b"\x00\x07"), (0x1060, bytes(4)), (identifier, raw)]
     rows = rows_of(MTI, message_bytes([*head, (0x4020, struct.pack(">3f", 1, 2, 3))]))
     assert rows["accel"].tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    "there_is_none",
+    ["000000000000000000000000", "0000000007EA0D0100000000", "0000000007EA020018000000",
+     "3B9ACA0007EA010100000000", "FFFFFFFFFFFFFFFFFFFFFFFF"],
+)  # fmt: skip
+def test_a_date_that_there_is_not_is_absent(there_is_none):
+    protocol = XsensProtocol("dated", outputs=(0x1010,))
+    rows = rows_of(protocol, message_bytes([(0x1010, bytes.fromhex(there_is_none))]))
+    assert np.isnan(rows["utc"]).all()
 
 
 def test_a_known_item_of_another_size_is_skipped_too():
