@@ -1,0 +1,149 @@
+"""`imu-rig monitor` with simulated devices on real ports, and its screen on every terminal."""
+
+import io
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from rich.text import Text
+from terminal import Terminal
+
+from imu_rig.cli.monitor_screen import plain_line, plain_table, screen
+from imu_rig.monitor.quantities import Quantity
+from imu_rig.monitor.status import MonitorStatus
+from imu_rig.recorder.status import DeviceStatus
+
+ACCEL, GYRO = Quantity("accel", "g", 1.0, 3), Quantity("gyro", "deg/s", 1.0, 3)
+LEFT = DeviceStatus("left shoe", "/dev/a", "live", rate_hz=100.0, packets=420, lag_s=0.004)
+FOOT = DeviceStatus("receiver/foot", "/dev/b", "live", rate_hz=50.0, packets=300)
+WAIST = DeviceStatus(
+    "receiver/waist",
+    "/dev/b",
+    "silent",
+    packets=100,
+    lost=7,
+    corrupt=3,
+    problem="receiver/waist sends nothing any more while foot of the same port goes on.",
+)
+SICK = DeviceStatus(
+    "\x1b[31madis", "/dev/c", "live", rate_hz=273.07, faults=("sensor over range", "supply low")
+)
+STUCK = DeviceStatus("気圧計", "/dev/d", "live", rate_hz=10.0, packets=50, stuck=True)
+STATUS = MonitorStatus(
+    72.4,
+    None,
+    (LEFT, replace(FOOT, name="receiver", streams=(FOOT, WAIST)), SICK, STUCK),
+    {"left shoe": ((ACCEL, (0.012, -0.034, float("nan"))), (GYRO, (0.1, -1000.2, 12.0)))},
+)
+
+
+def drawn(status, width, height):
+    console = Console(file=io.StringIO(), width=width, height=height, force_terminal=True)
+    with console.capture() as capture:
+        console.print(screen(status, width, height))
+    flat = Console(file=io.StringIO(), width=400, color_system=None)
+    with flat.capture() as plain:
+        flat.print(Text.from_ansi(capture.get().rstrip()))
+    return plain.get().splitlines()
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 120])
+@pytest.mark.parametrize("height", [12, 24, 50])
+def test_the_screen_fits_and_tells_what_is_wrong_first(width, height):
+    lines = drawn(STATUS, width, height)
+    assert len(lines) <= height
+    assert max(map(cell_len, lines)) <= width
+    text = "\n".join(lines)
+    assert "without receiver/waist" in text
+    row = next(line for line in lines if line.startswith("receiver/waist"))
+    assert "silent" in row
+    if height >= 24:
+        assert re.search(r"left shoe +live +100\.0 +0 ", text)
+        assert "! sensor over range, supply low" in text
+        assert re.search(r"気圧計 +stuck", text)
+    if height == 50:
+        assert "+0.012  -0.034       – g" in text
+        assert "-1000.2" in text
+
+
+def test_many_devices_leave_room_and_those_in_trouble_are_shown():
+    many = tuple(replace(LEFT, name=f"shoe {number}") for number in range(40))
+    gone = replace(LEFT, name="the lost one", state="lost", problem="/dev/x has gone.")
+    lines = drawn(MonitorStatus(1.0, None, (*many, gone), {}), 80, 24)
+    assert len(lines) <= 24
+    assert any(line.startswith("the lost one") for line in lines)
+    assert any("more, " in line and "of them live" in line for line in lines)
+
+
+def test_a_log_names_what_is_not_well():
+    line = plain_line(STATUS)
+    assert "receiver/waist silent" in line
+    assert "気圧計 stuck" in line
+    assert "sensor over range" in line
+    assert "\x1b" not in line + "".join(plain_table(STATUS))
+
+
+def test_json_lines_end_with_the_result(inside, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = inside("monitor", "--simulate", "two-imu", "--seconds", 1.3, "--json")
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [next(iter(line)) for line in lines] == ["status", "result"]
+    result = lines[-1]["result"]
+    assert result["exit_code"] == 0
+    foot, waist = result["devices"][0]["streams"]
+    assert (foot["name"], waist["name"]) == ("two-imu/foot", "two-imu/waist")
+    assert foot["packets"] > 20
+    accel = result["readings"]["two-imu/foot"]["accel"]
+    assert accel["unit"] == "g"
+    assert len(accel["value"]) == 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_is_saved_without_a_screen_and_never_over_another(inside, tmp_path):
+    picture = tmp_path / "now.png"
+    told = inside("monitor", "--simulate", 1, "--seconds", 0.7, "--save", picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert str(picture) in told.stdout
+    assert "never overwritten" in inside("monitor", "-d", "x", "--save", picture, code=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "named"),
+    [
+        ([], 2, "Nothing to watch"),
+        (["--simulate", "1", "--save", "a.txt"], 2, ".png"),
+        (["--simulate", "1", "--save", "/none/a.png"], 2, "/none"),
+        (["--simulate", "1", "--seconds", "-1"], 2, "--seconds"),
+        (["--simulate", "1", "--window", "0"], 2, "--window"),
+        (["--simulate", "0"], 2, "1 to 16"),
+        (["--simulate", "none-such"], 2, "none-such"),
+        (["--simulate", "mavlink-raw"], 2, "no simulated device"),
+        (["--simulate", "1", "-d", "/dev/x"], 2, "not both"),
+        (["-d", "left=/dev/none,layout=none"], 2, "'left'"),
+        (["-d", "left=/dev/none", "--seconds", "0.2"], 3, "/dev/none"),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(inside, options, code, named):
+    assert named in inside("monitor", *options, code=code).stderr
+
+
+def test_a_plot_without_a_screen_is_refused(inside, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    told = inside("monitor", "--simulate", "1", "--plot", code=2).stderr
+    assert "--save FILE.png" in told
+
+
+def test_ctrl_c_ends_it_cleanly_on_a_terminal(tmp_path):
+    watched = Terminal("monitor", "--simulate", 1, cwd=tmp_path)
+    try:
+        watched.read_until("live")
+        watched.press("\x03")
+        assert watched.wait() == 0
+    finally:
+        watched.close()
+    assert "Traceback" not in watched.text
