@@ -45,6 +45,11 @@ class WaistUnit:
         Setting of the accelerometer's pins, as the packets tell it.
     supply_v : float
         At the start.
+
+    Attributes
+    ----------
+    asleep : bool
+        Whether the accelerometer's pin Sleep is low, as where its wire is off.
     """
 
     def __init__(
@@ -58,6 +63,7 @@ class WaistUnit:
         layouts = dict(protocol.layouts)
         self.chip = chip
         self.g_select = g_select
+        self.asleep = False
         self._accel, self._barometer = layouts["accel"], layouts["barometer"]
         self._supply_v = supply_v
         self._restarted = False
@@ -88,7 +94,7 @@ class WaistUnit:
     def _accel_packets(self, samples: MadeSamples) -> list[bytes]:
         supply_v = self._supply_v - SUPPLY_FALL_V_PER_H * samples.t[:, np.newaxis] / 3600.0
         # Accelerometer and converter live on the same supply: it is not in the counts.
-        sensor, converter = Mma7260(self.g_select), Converter()
+        sensor, converter = Mma7260(self.g_select, asleep=self.asleep), Converter()
         return _cut(
             encode(
                 self._accel,
