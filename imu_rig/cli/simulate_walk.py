@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import threading
 from collections.abc import Iterable
@@ -62,8 +63,8 @@ def walk(
     speed: Annotated[
         float, typer.Option("--speed", min=0.1, max=20.0, help="How fast time runs on the ports.")
     ] = 1.0,
-    now: Annotated[
-        bool, typer.Option("--now", help="Walk at once, not only when all ports are open.")
+    no_wait: Annotated[
+        bool, typer.Option("--no-wait", help="Walk at once, not only when all ports are open.")
     ] = False,
     once: Annotated[
         bool, typer.Option("--once", help="End when the walk is over, not at Ctrl-C.")
@@ -92,7 +93,7 @@ def walk(
     if trial is not None:
         _write_trial(wanted, trial)
     else:
-        _serve(wanted, speed, waits=not now, once=once, tcp=tcp)
+        _serve(wanted, speed, waits=not no_wait, once=once, tcp=tcp)
 
 
 def _list(as_json: bool) -> None:
@@ -172,11 +173,18 @@ def _tell_ports(
         return
     width = max(map(len, ports))
     lines = [f"{name:<{width}}  {url}  {protocols[name]}" for name, url in ports.items()]
-    begins = "when all ports are open" if waits else "now"
+    begins = "It begins when all ports are open." if waits else "It begins now."
+    options = [
+        "--device " + shlex.quote(f"{name}={url},layout={protocols[name]}")
+        for name, url in ports.items()
+    ]
     lines += [
         "",
-        f"{wanted.walker.scenario.title}: {wanted.walker.end_s:.0f} s, beginning {begins}.",
-        "Ctrl-C ends it.",
+        "In another terminal, for example:",
+        f"  imu-rig record {' '.join(options)}",
+        "",
+        f"{wanted.walker.scenario.title}: {wanted.walker.end_s:.0f} s.",
+        f"{begins} Ctrl-C ends it.",
     ]
     sys.stdout.write("\n".join(lines) + "\n")
     sys.stdout.flush()

@@ -32,7 +32,9 @@ from simulators.walker.steps import SIDES, Footfall, Manner
 SOLE_M = 0.18
 """From heel to ball."""
 
-SWING_ROLL = 5.0 * DEG
+SWING_YAW, SWING_ROLL = 6.0 * DEG, 5.0 * DEG
+"""How far the foot turns outward and rolls in early swing, before it goes back."""
+STRIKE_ROLL = 6.0 * DEG
 """How far the sole is turned inward when it meets the ground."""
 
 CREEP_S = 0.3
@@ -157,9 +159,17 @@ class Foot:
         down = (kick_s, *(kick_s + share * (end - kick_s) for share in (0.40, 0.80, 1.0)))
         self._pitch.go(down, (0.0, 1.0, 0.3, 0.0), strike - self._pitch.value)
 
-        halves = (begin + 0.05 * swing, begin + 0.5 * swing, begin + 0.98 * swing)
-        self._yaw.go(halves, (0.0, 1.0, 0.0), after.yaw - self._yaw.value)
-        self._roll.go(halves, (0.0, 1.0, 0.0), self._side * SWING_ROLL - self._roll.value)
+        early, late = (
+            tuple(begin + share * swing for share in shares)
+            for shares in ((0.04, 0.22, 0.40), (0.40, 0.68, 0.97))
+        )
+        for track, out, aim in (
+            (self._yaw, SWING_YAW, after.yaw),
+            (self._roll, SWING_ROLL, self._side * STRIKE_ROLL),
+        ):
+            away = -self._side * out * (1.0 + 3.0 * self._manner.angles * self._normal())
+            track.go(early, (0.0, 1.0, 0.0), away)
+            track.go(late, (0.0, 1.0, 0.0), aim - track.value)
         if gait.strike < 0.0:
             along = tuple(begin + share * swing for share in (0.35, 0.65, 0.95))
             self._guide.go(along, (0.0, 1.0, 0.0), 1.0)

@@ -1,0 +1,72 @@
+"""`imu-rig simulate walk`, as its users see it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import imu_rig as package
+from imu_rig.units import STANDARD_GRAVITY
+
+
+def test_walks_are_listed(inside):
+    told = inside("simulate", "walk", "--list").stdout
+    assert "half-circle" in told
+    assert "straight-50m" in told
+    assert json.loads(inside("simulate", "walk", "--list", "--json").stdout)["corridor"]
+
+
+def test_a_walk_becomes_a_trial_with_its_truth(inside, tmp_path):
+    trial, truth = tmp_path / "walk.imu-trial", tmp_path / "truth.csv"
+    devices = ("left-foot=mpu9150", "mti=xsens-mti@right-foot")
+    done = inside(
+        *("simulate", "walk", "half-circle", "--json"),
+        *(part for device in devices for part in ("--device", device)),
+        *("--trial", trial, "--truth", truth),
+    )
+    assert json.loads(done.stdout)["devices"]["mti"]["layout"] == "xsens-mti"
+    recorded = package.open_trial(trial)
+    assert recorded.sensors == ["left-foot", "mti"]
+    assert recorded.ended == "complete"
+    for name in recorded.sensors:
+        block = recorded.imu(name)
+        assert len(block) > 1000
+        still = np.linalg.norm(block.accel[-200:].mean(axis=0))
+        assert still == pytest.approx(STANDARD_GRAVITY, rel=0.1)
+    assert truth.read_text().startswith("device,place,counter,device_s,t_s,x_m")
+
+
+def test_a_walk_on_ports_ends_when_it_is_over(inside, tmp_path):
+    truth = tmp_path / "truth.csv"
+    walk = ("simulate", "walk", "half-circle", "--device", "a b=mpu9150", "--speed", "20")
+    done = inside(*walk, "--no-wait", "--once", "--truth", truth)
+    assert "imu-rig record --device 'a b=" in done.stdout
+    assert "Walking:" in done.stderr
+    assert len(truth.read_text().splitlines()) > 900
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["moon"], "there is no walk 'moon'; take one of half-circle, "),
+        (["--device", "foot=abc"], "there is no kind of IMU 'abc'; take one of mpu9150, "),
+        (["--device", "foot"], "--device 'foot' is not NAME=KIND[@PLACE]"),
+        (["--device", "a=mpu9150@head"], "a: there is no place 'head'; take left-foot, "),
+        (["--device", "a=mpu9150", "--device", "a=mpu9150"], "two devices 'a'"),
+        (["half-circle", "--truth", "/nowhere/x.csv", "--trial", "{}"], "/nowhere/x.csv: No such"),
+    ],
+)
+def test_what_cannot_be_walked_is_named_in_a_sentence(inside, arguments, sentence, tmp_path):
+    trial = str(tmp_path / "t.imu-trial")
+    code = 5 if "--truth" in arguments else 2
+    done = inside("simulate", "walk", *(a.format(trial) for a in arguments), code=code)
+    assert sentence in done.stderr
+    assert done.stderr.count("\n") <= 2
+
+
+def test_a_trial_that_exists_is_kept(inside, tmp_path):
+    trial = tmp_path / "t.imu-trial"
+    trial.write_bytes(b"mine")
+    done = inside("simulate", "walk", "half-circle", "--trial", trial, code=2)
+    assert "t.imu-trial" in done.stderr
+    assert trial.read_bytes() == b"mine"
