@@ -17,9 +17,12 @@ Time is ``time_usec`` (of its eight bytes the lower four, which come round after
 say, so it is no counter of a stream.
 
 HIGHRES_IMU is a measurement in floating point. The others are whole numbers of 1 mg, 1 mrad/s and
-1 mgauss that stop at +-32.767 of the full unit; that is poor for a calibration. RAW_IMU is in the
-same units by the definition of its fields and as ArduPilot sends it; its text speaks of raw counts,
-and other firmware may mean those: compare 1 g before you trust it.
+1 mgauss that stop at +-32.767 of the full unit. The firmwares known do not round but cut off, so a
+row holds the middle of what a number stands for: 3.5 for 3, -3.5 for -3. 0 stands for everything
+between -1 and 1, in which a gyroscope nearly at rest is blind. That is poor for a calibration.
+
+RAW_IMU is in the same units by the definition of its fields and as ArduPilot sends it; its text
+speaks of raw counts, and other firmware may mean those: compare 1 g before you trust it.
 
 What a sensor that is not there leaves zero becomes NaN: a magnetic field of exactly (0, 0, 0), a
 pressure of 0, and a temperature of 0 where 0 means that there is none.
@@ -51,6 +54,7 @@ from firmware_protocols.mavlink_frames import (
 from firmware_protocols.mavlink_messages import MESSAGES, SCALED_PRESSURE, Message
 from firmware_protocols.protocol import DeviceProtocol, Packets
 from firmware_protocols.rows import RowLayout, check_names
+from firmware_protocols.unconfirmed import MAVLINK_CUT_OFF
 from firmware_protocols.variable_framing import Flags, FramedBytes
 
 KIND = "mavlink"
@@ -205,8 +209,8 @@ class MavlinkProtocol(DeviceProtocol):
             rate_hz=self.rate_hz,
             fields=(
                 Field("time", "u32", unit="ms" if boot_ms else "us"),
-                Field("accel", "i16", 3, unit="mg", axes=BODY_AXES),
-                Field("gyro", "i16", 3, unit="mrad/s", axes=BODY_AXES),
+                Field("accel", "f32", 3, unit="mg", axes=BODY_AXES),
+                Field("gyro", "f32", 3, unit="mrad/s", axes=BODY_AXES),
                 Field("mag", "f32", 3, unit="mG", axes=BODY_AXES),
                 Field("temperature", "f32", unit="degC", counts_per_unit=100.0),
             ),
@@ -320,7 +324,10 @@ def _imu_rows(layout: RowLayout, payload: Rows) -> Rows:
     names = payload.dtype.names or ()
     time = "time_usec" if "time_usec" in names else "time_boot_ms"
     rows["time"] = payload[time] & 0xFFFFFFFF
-    rows["accel"], rows["gyro"], rows["mag"] = payload["acc"], payload["gyro"], payload["mag"]
+    for name, sent in (("accel", "acc"), ("gyro", "gyro"), ("mag", "mag")):
+        rows[name] = payload[sent]
+        if payload[sent].dtype.kind == "i":
+            rows[name] += MAVLINK_CUT_OFF * np.sign(payload[sent])
     rows["mag"][np.all(payload["mag"] == 0, axis=1)] = np.nan
     rows["temperature"] = payload["temperature"]
     no_temperature = payload["temperature"] == 0

@@ -217,3 +217,11 @@ XSENS_TEMPERATURE_HZ = 10
 What the maker's program asked an MTi-300 for; its driver in ROS says 1. The answer to
 SetOutputConfiguration tells.
 """
+
+MAVLINK_CUT_OFF = 0.5
+"""How much whole numbers of SCALED_IMU and RAW_IMU lie nearer to zero than what was measured.
+
+The sources of ArduPilot and PX4 convert floats to whole numbers, which cuts them off: a value
+between 3 and 4 is sent as 3 and most likely was 3.5. Firmware that rounds would need 0 here. On it,
+with an axis up and then down, half the difference of the readings reads 1 mg above gravity.
+"""

@@ -2,8 +2,7 @@
 
 It sends its heartbeat each second and messages of its IMU at the rates that it was asked for, and
 answers requests and questions about parameters. Axes on the wire are forward, right, down. The
-whole numbers of SCALED_IMU and RAW_IMU are rounded; both firmwares cut them off instead, which is
-there to be tried (``truncates``).
+whole numbers of SCALED_IMU and RAW_IMU are cut off, not rounded, as both firmwares do it.
 """
 
 from __future__ import annotations
@@ -101,8 +100,6 @@ class FlightControllerModel:
     system, component : int
     waits : bool
         Whether it keeps silent until it has heard something, as PX4 does on USB.
-    truncates : bool
-        Whether whole numbers are cut off instead of rounded.
     """
 
     autopilot: Autopilot
@@ -114,7 +111,6 @@ class FlightControllerModel:
     system: int = 1
     component: int = mavlink.MAV_COMP_ID_AUTOPILOT1
     waits: bool = False
-    truncates: bool = False
 
 
 class FlightController:
@@ -184,7 +180,7 @@ class FlightController:
         """Return for every sample the messages that are due with it."""
         if not self._awake:
             return [b""] * len(samples)
-        return [self._frames(sample) for sample in _each(samples, self.model.truncates)]
+        return [self._frames(sample) for sample in _each(samples)]
 
     def _frames(self, sample: _Sample) -> bytes:
         sent = b""
@@ -343,7 +339,6 @@ class _Sample:
     temperature: float
     pressure: float
     air_c: float
-    truncates: bool
 
     @property
     def time_us(self) -> int:
@@ -359,17 +354,16 @@ class _Sample:
         return round(100.0 * self.air_c)
 
     def whole(self) -> list[int]:
-        """Return mg, mrad/s and mgauss."""
+        """Return mg, mrad/s and mgauss without what is behind the point."""
         values = [
             *(value / MILLI_G for value in self.accel),
             *(1e3 * value for value in self.gyro),
             *(value / FIELD_UNITS["mG"] for value in self.mag),
         ]
-        make = math.trunc if self.truncates else round
-        return [max(-INT16 - 1, min(INT16, make(value))) for value in values]
+        return [max(-INT16 - 1, min(INT16, math.trunc(value))) for value in values]
 
 
-def _each(samples: MadeSamples, truncates: bool) -> Iterator[_Sample]:
+def _each(samples: MadeSamples) -> Iterator[_Sample]:
     readings = samples.readings
 
     def columns(values: FloatArray) -> list[list[float]]:
@@ -386,7 +380,7 @@ def _each(samples: MadeSamples, truncates: bool) -> Iterator[_Sample]:
         samples.air_c.tolist(),
         strict=True,
     ):
-        yield _Sample(device_s, accel, gyro, mag, temperature, pressure, air_c, truncates)
+        yield _Sample(device_s, accel, gyro, mag, temperature, pressure, air_c)
 
 
 _FULL_ACCEL, _FULL_GYRO, _FULL_MAG = 16.0 * STANDARD_GRAVITY, 2000.0 * DEG, 1600.0
@@ -460,4 +454,5 @@ MAVLINK_SCALED = ImuKind(
     budget=_BUDGET,
     sensor=_SENSOR,
     firmware=_USB,
+    encoder_rounds=True,
 )

@@ -31,10 +31,15 @@ def imu(protocol, data, name):
     return values(protocol.streams["imu"], packets["imu"].rows, name)
 
 
+def middle(number):
+    """Of what was cut off to this whole number."""
+    return number + 0.5 * (number > 0) - 0.5 * (number < 0)
+
+
 def test_level_and_at_rest_the_accelerometer_reads_plus_g_upward():
     """zacc is -9.81 m/s2 or -1000 mg on MAVLink's axes, forward, right, down."""
     np.testing.assert_allclose(imu(HIGHRES, Writer().highres(), "accel"), [[0, 0, 9.81]], rtol=1e-6)
-    assert imu(SCALED, Writer().scaled(), "accel").tolist() == [[0, 0, 1000]]
+    assert imu(SCALED, Writer().scaled(), "accel").tolist() == [[0, 0, 1000.5]]
     assert SCALED.streams["imu"].field("accel").unit == "mg"
 
 
@@ -43,21 +48,23 @@ def test_axes_turn_from_forward_right_down_to_forward_left_up(name):
     data = Writer().highres(acc=(1, 2, 3), gyro=(1, 2, 3), mag=(1, 2, 3))
     assert imu(HIGHRES, data, name).tolist() == [[1, -2, -3]]
     data = Writer().scaled(acc=(1, 2, 3), gyro=(1, 2, 3), mag=(1, 2, 3))
-    assert imu(SCALED, data, name).tolist() == [[1, -2, -3]]
+    assert imu(SCALED, data, name).tolist() == [[1.5, -2.5, -3.5]]
 
 
 @settings(max_examples=40)
 @given(acc=TRIAD, gyro=TRIAD, mag=TRIAD, t=st.integers(0, 2**32 - 1))
 def test_whole_numbers_come_back_over_their_whole_range(acc, gyro, mag, t):
+    """As the middle of the step that they were cut off from."""
     for name in ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU"):
         protocol = MavlinkProtocol("test", message=name)
         packets, _ = decoded(protocol, Writer()(name, t, *acc, *gyro, *mag))
         rows = packets["imu"].rows
         assert rows["time"].tolist() == [t]
-        assert rows["accel"].tolist() == [list(acc)]
-        assert rows["gyro"].tolist() == [list(gyro)]
+        assert rows["accel"].tolist() == [[middle(n) for n in acc]]
+        assert rows["gyro"].tolist() == [[middle(n) for n in gyro]]
         if any(mag):
-            assert rows["mag"].tolist() == [list(mag)]
+            assert rows["mag"].tolist() == [[middle(n) for n in mag]]
+        assert np.trunc(rows["accel"]).tolist() == [list(acc)]
 
 
 FLOAT = st.floats(width=32, allow_nan=False)
@@ -122,7 +129,7 @@ def test_pressure_is_a_stream_of_its_own():
 def test_extension_fields_are_absent_in_version_1():
     writer = Writer(version=1)
     packets, decoder = decoded(SCALED, writer.scaled(9) + writer("SCALED_PRESSURE", 1, 1000, 0, 5))
-    assert packets["imu"].rows["accel"].tolist() == [[0, 0, -1000]]
+    assert packets["imu"].rows["accel"].tolist() == [[0, 0, -1000.5]]
     assert np.isnan(packets["imu"].rows["temperature"]).all()
     assert len(packets["pressure"]) == 1
     assert decoder.version == 1
