@@ -16,7 +16,8 @@ ONE_BY_ONE = 200
 def rows(number, *, proms):
     rng = np.random.default_rng(1)
     prom = np.tile(typical_prom(), (number, 1))
-    prom[:proms] = [draw_prom(rng) for _ in range(proms)]
+    for row in range(proms):
+        prom[row] = draw_prom(rng)
     return prom, rng.integers(4e6, 8e6, number), rng.integers(7e6, 9e6, number)
 
 
