@@ -28,7 +28,12 @@ from imu_rig.testing import FAST, replayed
 from simulators.rig import RigConfig, SimulatedRig
 from simulators.served_devices import ServedDevices
 
-LAYOUTS = {"left shoe": "mpu9150-28", "right shoe": "mpu9150-28", "baro": "baro-16"}
+LAYOUTS = {
+    "left shoe": "mpu9150-28",
+    "right shoe": "mpu9150-28",
+    "baro": "baro-16",
+    "receiver": "two-imu",
+}
 SECONDS = 0.5
 SPEED = 5.0
 
@@ -61,8 +66,11 @@ def original(tmp_path_factory) -> Trial:
 
 def assert_same_rows(one: Trial, two: Trial) -> None:
     assert list(one.sources) == list(two.sources)
+    assert one.sensors == two.sensors
+    assert {"receiver/foot", "receiver/waist"} < set(one.sensors)
     for name in LAYOUTS:
         assert one.wire(name).data == two.wire(name).data
+    for name in one.sensors:
         a, b = one.samples(name), two.samples(name)
         assert len(a.t) > 10
         assert a.values.keys() == b.values.keys()
