@@ -234,7 +234,7 @@ def _print_port(one: Surveyed, sheet: Sheet) -> None:
         sheet.entry("  closed", finding.says, "red")
     else:
         style = "green" if finding.state == "known" and "Maestro" in finding.says else "yellow"
-        sheet.entry("  speaks", f"{finding.says}{at}", style)
+        sheet.entry("  it", f"{finding.says}{at}", style)
     if finding.state in ("unknown", "noise", "text"):
         command = f"imu-rig devices identify {shlex.quote(one.port.url)}"
         sheet.command(command, "  see")
@@ -337,7 +337,7 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
         sheet.blank()
         _print_draft(port, address, finding, written, sheet)
         return
-    sheet.entry("  speaks", finding.says, "yellow")
+    sheet.entry("  it", finding.says, "yellow")
     if finding.frames is not None:
         show_frames(finding.frames, sheet)
     elif finding.state == "text":

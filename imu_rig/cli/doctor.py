@@ -71,6 +71,11 @@ def _print(checks: list[Check], verdict: str) -> None:
 
 
 def _verdict(warned: int, bad: int) -> str:
+    better = f"{_things(warned)} could be better" if warned else ""
     if bad:
-        return f"{bad} will not work as it is" + (f", {warned} could be better." if warned else ".")
-    return f"{warned} could be better; all works." if warned else "All is well."
+        return f"{_things(bad)} will not work as it is{', ' + better if better else ''}."
+    return f"{better}; all works." if better else "All is well."
+
+
+def _things(number: int) -> str:
+    return f"{number} thing{'s'[: number != 1]}"

@@ -29,7 +29,7 @@ def show_unknown(found: UnknownPackets, sheet: Sheet) -> None:
     for places, mark, sureness, text in findings[:MOST_FINDINGS]:
         shown = f"{places.start}" if len(places) == 1 else f"{places.start}-{places.stop - 1}"
         style = SURENESS_STYLES[sureness]
-        sheet.parts([(f"  {shown:<9}{mark:<6}", "bold"), (f"{sureness:<10}", style)], text)
+        sheet.parts([(f"  {shown:<9}{mark:<6}", "bold"), (f"{sureness:<9}", style)], text)
     if len(findings) > MOST_FINDINGS:
         sheet.row([(f"  ... and {len(findings) - MOST_FINDINGS} more", "dim")])
     sheet.blank()
