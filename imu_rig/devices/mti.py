@@ -98,9 +98,15 @@ class MtiConversation:
         """Set the unit up; see `imu_rig.devices.conversation.Conversation`."""
         self._beginning = True
         try:
-            self._set_up(write, hear)
-        except _NoAnswer as silence:
-            self._take_as_it_is(hear, str(silence))
+            try:
+                self._set_up(write, hear)
+            except _NoAnswer as silence:
+                self._take_as_it_is(hear, str(silence))
+        except DeviceLost:
+            raise
+        except DeviceError:
+            write(encode_message(Mid.GO_TO_MEASUREMENT))  # nobody shall find it silent
+            raise
         finally:
             self._beginning = False
 

@@ -112,6 +112,13 @@ def test_a_first_generation_unit_is_sent_to_its_own_layout(talk, state):
         talk(MTI, line)
 
 
+def test_a_unit_that_is_refused_goes_on_measuring(talk):
+    unit = MtiUnit("mark3")
+    with pytest.raises(DeviceError):
+        talk(MTI, measuring(unit))
+    assert unit.state == "measurement"
+
+
 @pytest.mark.parametrize("lost", [1, 2, 3])
 @pytest.mark.parametrize("protocol", [MTI, OLD_MTI])
 def test_messages_that_get_lost_are_said_again(talk, protocol, lost):
