@@ -446,9 +446,9 @@ MAVLINK_SCALED = ImuKind(
     protocol="mavlink-scaled",
     output_hz=START_HZ,
     ranges=SensorRanges(
-        accel=SensorRange(MILLI_G, -16_000.0, 16_000.0),
-        gyro=SensorRange(1e-3, -INT16, INT16),
-        mag=SensorRange(FIELD_UNITS["mG"], -16_000.0, 16_000.0),
+        accel=SensorRange(MILLI_G, -16_000.0, 16_000.0, cuts_off=True),
+        gyro=SensorRange(1e-3, -INT16, INT16, cuts_off=True),
+        mag=SensorRange(FIELD_UNITS["mG"], -16_000.0, 16_000.0, cuts_off=True),
     ),
     encoder=_maker("ardupilot", "SCALED_IMU", cannot=("HIGHRES_IMU",)),
     budget=_BUDGET,

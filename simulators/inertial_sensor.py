@@ -39,12 +39,16 @@ class SensorRange:
     axes : tuple of str
         Which of the part's own axes x, y and z of a reading are, with sign, as in a packet
         layout: ("+y", "+x", "-z") says x = own y, y = own x, z = - own z.
+    cuts_off : bool
+        Whether the device cuts off to whole counts in place of rounding; whoever reads them takes
+        the middle of what each stands for, of 0 that of two counts' width.
     """
 
     count: float = 0.0
     least: float = -math.inf
     greatest: float = math.inf
     axes: tuple[str, str, str] = ("+x", "+y", "+z")
+    cuts_off: bool = False
 
     @classmethod
     def of_bits(cls, count: float, bits: int) -> SensorRange:
@@ -65,7 +69,10 @@ class SensorRange:
             own = np.empty_like(values)
             own[:, columns] = values * signs
             values = own
-        if self.count:
+        if self.count and self.cuts_off:
+            whole = np.trunc(values)
+            values = whole + 0.5 * np.sign(whole)
+        elif self.count:
             values = np.rint(values)
         read = np.clip(values, self.least, self.greatest)
         at_end = (read <= self.least) | (read >= self.greatest)
