@@ -26,10 +26,12 @@ if TYPE_CHECKING:
 INDENT = 12
 DRAFT_INDENT = 27
 LONGEST_S = 600.0
+USUAL_BAUD = 115_200
 MOST_LAYOUT_FILES = 200
 DRAFT_NAME = "my-device"
 TEXT_LINES = 5
 HEX_BYTES = 64
+MOST_DAMAGED = 0.01
 BOARDS_RESET = (
     "Opening a port resets boards of the Arduino kind: they are silent for a second or two then; "
     "listen longer with --seconds."
@@ -180,7 +182,7 @@ def _command(address: str, layout: str | None, baud: int, name: str = "imu") -> 
     device = f"{name}={address}"
     if layout is not None:
         device += f",layout={layout}"
-    if baud != 115_200:
+    if baud != USUAL_BAUD:
         device += f",baud={baud}"
     return f"imu-rig record --device {shlex.quote(device)}"
 
@@ -287,6 +289,7 @@ def _finding_json(finding: Finding, address: str) -> dict[str, Any]:
     }
     if finding.recognized is not None:
         found["layout"] = finding.recognized.name
+        found["lost"] = finding.recognized.lost
         found["streams"] = {name: _rounded(rate) for name, rate in finding.rates_hz.items()}
         found["record"] = _command(address, found["layout"], heard.baud)
     if finding.kinds:
@@ -316,10 +319,12 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
     if finding.recognized is not None:
         sheet.entry("  speaks", _recognized_words(finding), "green")
         sheet.entry("  title", finding.recognized.protocol.title)
-        lost = 1.0 - finding.recognized.share
-        if lost > 0.01:
+        if finding.recognized.lost:
+            sheet.entry("  lost", f"{finding.recognized.lost} packets by their counter", "yellow")
+        damaged = 1.0 - finding.recognized.share
+        if damaged > MOST_DAMAGED:
             sheet.entry(
-                "  damage", f"{100 * lost:.0f} % of the bytes belong to no packet", "yellow"
+                "  damage", f"{100 * damaged:.0f} % of the bytes belong to no packet", "yellow"
             )
         command = _command(address, finding.recognized.name, heard.baud)
         sheet.command(command, "  record")
@@ -350,21 +355,17 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
 def _print_draft(
     port: str, address: str, finding: Finding, written: str | None, sheet: Sheet
 ) -> None:
+    from imu_rig.foreign_text import printable
+
     if written is None:
-        sheet.row([("  A draft of its layout file, to name its numbers in:", "")])
-        baud = "" if finding.heard.baud == 115_200 else f" --baud {finding.heard.baud}"
-        sheet.row(
-            [
-                (
-                    f"    imu-rig devices identify {shlex.quote(port)}{baud} "
-                    f"--write {DRAFT_NAME}.toml",
-                    "cyan",
-                )
-            ]
-        )
-        return
-    sheet.row([(f"  Wrote {written}: name its numbers, then", "")])
-    sheet.row([(f"    {_command(address, written, finding.heard.baud)}", "cyan")])
+        words = "A draft of its layout file, to name its numbers in:"
+        baud = "" if finding.heard.baud == USUAL_BAUD else f" --baud {finding.heard.baud}"
+        command = f"imu-rig devices identify {shlex.quote(port)}{baud} --write {DRAFT_NAME}.toml"
+    else:
+        words = f"Wrote {written}: name its numbers, then"
+        command = _command(address, written, finding.heard.baud)
+    sheet.row([(f"  {printable(words)}", "")])
+    sheet.row([(f"    {printable(command)}", "cyan")])
 
 
 def _text_lines(heard: Heard) -> list[str]:

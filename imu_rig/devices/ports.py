@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import select
 import socket
 import stat
@@ -27,6 +28,7 @@ from urllib.parse import urlsplit
 import serial
 from serial.tools import list_ports
 
+from firmware_protocols.unconfirmed import MAESTRO_COMMAND_INTERFACE
 from imu_rig.errors import DeviceLost, PortError, PortMissing, reason_of
 
 try:
@@ -48,8 +50,11 @@ CONNECT_S = 3.0  # for a network port to answer
 AT_ONCE_S = 1.0  # within which a network port hangs up on whoever is one too many
 
 MAESTRO_VENDOR = 0x1FFB
+FTDI_VENDOR = 0x0403
 USB = "usb:"
 NETWORK_SCHEMES = ("socket", "rfc2217")
+
+_INTERFACE = re.compile(r":\d+\.(\d+)$")
 
 # SerialException is an OSError
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, *_TERMIOS_ERRORS)
@@ -84,6 +89,12 @@ class SeenPort:
         """Whether this is one of the two ports of a Pololu device."""
         return self.vendor == MAESTRO_VENDOR
 
+    @property
+    def interface(self) -> int | None:
+        """Which of its device's USB interfaces this port is; None where nothing tells it."""
+        found = _INTERFACE.search(self.location or "")
+        return None if found is None else int(found[1])
+
 
 def seen_ports() -> list[SeenPort]:
     """List the serial ports of this machine; simulated ones (pseudo-terminals) are not among them.
@@ -109,7 +120,8 @@ def find_usb(address: str) -> str:
     Parameters
     ----------
     address : str
-        "usb:SERIAL", "usb:VID:PID" or "usb:VID:PID:SERIAL", vendor and product in hexadecimal.
+        "usb:SERIAL", "usb:VID:PID" or "usb:VID:PID:SERIAL", vendor and product in hexadecimal. Of
+        the two ports of a Maestro it is the command port.
 
     Raises
     ------
@@ -130,9 +142,10 @@ def find_usb(address: str) -> str:
         port
         for port in seen_ports()
         if (vendor is None or (port.vendor, port.product) == (vendor, product))
-        and (wanted is None or _same_serial(port.serial_number, wanted))
+        and (wanted is None or _same_serial(port, wanted))
         and port.vendor is not None
     ]
+    found = _command_ports(found)
     if not found:
         raise PortMissing(
             f"No device {address} is plugged in: plug it in and switch it on; {_ports_sentence()}"
@@ -153,14 +166,21 @@ def usb_address(url: str) -> str | None:
     if here is None or here.vendor is None or here.product is None:
         return None
     same = [p for p in ports if (p.vendor, p.serial_number) == (here.vendor, here.serial_number)]
-    if len(same) > 1:  # one device with several ports, as a Maestro
+    if _command_ports(same) != [here]:  # one device with several ports
         return None
     return f"{USB}{here.vendor:04X}:{here.product:04X}:{here.serial_number}"
 
 
-def _same_serial(seen: str | None, wanted: str) -> bool:
+def _same_serial(port: SeenPort, wanted: str) -> bool:
     # Windows appends the letter of the channel to FTDI's serial numbers
-    return seen is not None and seen in (wanted, f"{wanted}A")
+    seen = port.serial_number
+    return seen in (wanted, f"{wanted}A") or (port.vendor == FTDI_VENDOR and f"{seen}A" == wanted)
+
+
+def _command_ports(found: list[SeenPort]) -> list[SeenPort]:
+    """Leave out the TTL ports of Maestros, where the system tells which those are."""
+    command = (None, MAESTRO_COMMAND_INTERFACE)
+    return [port for port in found if not port.is_maestro or port.interface in command]
 
 
 class Port(ABC):

@@ -10,6 +10,7 @@ import numpy as np
 
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.layout import PacketLayout
+from firmware_protocols.mavlink import IMU_MESSAGES
 from firmware_protocols.mavlink_frames import MAVLINK_FORMAT
 from firmware_protocols.mavlink_messages import MESSAGES
 from firmware_protocols.protocol import DeviceProtocol
@@ -33,7 +34,11 @@ UNPROVEN_SHARE = 0.9
 MOST_NAMED = 5
 LONGEST_TEXT = 40
 MAVLINK_1 = 0xFE
-MEASUREMENTS = (Mid.MT_DATA, Mid.MT_DATA2)
+MAVLINK_LAYOUTS = {
+    "HIGHRES_IMU": "mavlink-highres",
+    "SCALED_IMU": "mavlink-scaled",
+    "RAW_IMU": "mavlink-raw",
+}
 
 
 @dataclass(frozen=True)
@@ -49,12 +54,15 @@ class Recognized:
         How many were heard of each stream; none of some, perhaps.
     share : float
         Of all bytes, those that belong to whole packets or to other messages of the protocol.
+    lost : int
+        Packets that are missing by the counters.
     """
 
     name: str
     protocol: DeviceProtocol
     packets: dict[str, int]
     share: float
+    lost: int
 
 
 def recognize(
@@ -106,7 +114,7 @@ def _fit(data: bytes, name: str, protocol: DeviceProtocol) -> Recognized | None:
             return None
     elif not protocol.proves_packets and share < UNPROVEN_SHARE:
         return None
-    return Recognized(name, protocol, packets, share)
+    return Recognized(name, protocol, packets, share, decoder.stats.lost)
 
 
 def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
@@ -225,9 +233,10 @@ def _mavlink(data: bytes) -> str | None:
         counted[named.get(number, f"message {number}")] += 1
     shown = ", ".join(name for name, _ in counted.most_common(MOST_NAMED))
     version = "version 1 of MAVLink" if old > len(starts) / 2 else "MAVLink"
-    heard = [name for name in counted if name.endswith("_IMU") or name.startswith("SCALED_IMU")]
-    if heard:
-        return f"speaks {version} with {heard[0]}: use the layout mavlink-... of that message"
+    heard = next((name for name in IMU_MESSAGES if name in counted), None)
+    if heard is not None:
+        layout = MAVLINK_LAYOUTS.get(heard, f"file that names the message {heard}")
+        return f"speaks {version} with {heard}: use the layout {layout}"
     return (
         f"speaks {version} ({shown}) but sends no IMU message by itself: use the layout "
         "mavlink-highres or mavlink-scaled, which ask for it"

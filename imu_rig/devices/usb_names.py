@@ -12,7 +12,6 @@ from firmware_protocols.unconfirmed import (
 from imu_rig.devices.ports import SeenPort
 
 _INTERFACE = re.compile(r"-if(\d{2})(?:-port\d+)?$")
-_LOCATION = re.compile(r":\d+\.(\d+)$")
 
 
 def usb_name(port: SeenPort, stable_name: str | None = None) -> str:
@@ -39,8 +38,5 @@ def usb_name(port: SeenPort, stable_name: str | None = None) -> str:
 
 def interface(port: SeenPort, stable_name: str | None) -> int | None:
     """Return the number of the USB interface that a port is; None where nothing tells it."""
-    for text, pattern in ((stable_name, _INTERFACE), (port.location, _LOCATION)):
-        found = pattern.search(text or "")
-        if found is not None:
-            return int(found[1])
-    return None
+    found = _INTERFACE.search(stable_name or "")
+    return port.interface if found is None else int(found[1])

@@ -119,7 +119,7 @@ def terminal():
 def test_a_device_is_heard_at_its_rate():
     with ServedDevices() as served:
         port = served.add("imu", MPU)
-        finding = find_out(port, 0.7)
+        finding = find_out(port, 0.4)
     assert finding.state == "recognized"
     assert finding.heard.rate(len(finding.heard.data) // 28) == pytest.approx(100.0, rel=0.15)
 
@@ -141,7 +141,7 @@ def test_a_flood_is_bounded():
         thread = threading.Thread(target=flood, args=(master,))
         thread.start()
         try:
-            found = listen(name, 0.5)
+            found = listen(name, 0.25)
         finally:
             stop.set()
             thread.join()
@@ -154,7 +154,7 @@ def test_a_flood_is_bounded():
 def test_a_port_that_vanishes_keeps_what_it_said(monkeypatch):
     with ServedDevices() as served:
         port = served.add("imu", MPU)
-        timer = threading.Timer(0.4, served.unplug, ["imu"])
+        timer = threading.Timer(0.25, served.unplug, ["imu"])
         timer.start()
         found = listen(port, 5.0)
         timer.join()
@@ -237,7 +237,7 @@ def test_all_ports_are_looked_at_at_once(monkeypatch):
     with ServedDevices() as served:
         urls = [served.add(f"imu {n}", MPU, seed=n) for n in range(4)]
         urls.append(served.add_servos())
-        found = survey.survey([*urls, urls[0]], seconds=0.5, probe=True)
+        found = survey.survey([*urls, urls[0]], seconds=0.3, probe=True)
     assert [one.port.url for one in found] == ["/dev/ttyS99", *urls]
     states = [one.finding.state for one in found]
     assert states == ["closed", *["recognized"] * 4, "known"]

