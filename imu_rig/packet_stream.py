@@ -107,7 +107,7 @@ class PacketBlock:
         devices = [b.device_s for b in full if b.device_s is not None]
         counters = [b.counter for b in full if b.counter is not None]
         return PacketBlock(
-            np.concatenate([b.rows for b in full]),
+            np.concatenate([b.rows for b in full], dtype=layout.dtype),
             np.concatenate([b.t for b in full]),
             np.concatenate([b.host_s for b in full]),
             np.concatenate(devices) if len(devices) == len(full) else None,
@@ -278,7 +278,7 @@ class _Lane:
         for fault, where in faults_of(self.layout, rows).items():
             self.faults[fault] = float(host_s[where])
         if self._held is not None:
-            rows = np.concatenate((self._held[0], rows))
+            rows = np.concatenate((self._held[0], rows), dtype=rows.dtype)
             host_s = np.concatenate((self._held[1], host_s))
         ordered = _feed_order(self.order, self.layout, rows, host_s)
         self._held = (rows[-1:], host_s[-1:]) if ordered.held else None
