@@ -61,8 +61,10 @@ def rig(
             sys.stdout.write(json.dumps(ports) + "\n")
         else:
             layout = f" --layout {config.protocol.name}" if imu else ""
+            layout += f" --stream {config.kind.stream}" if config.kind.stream else ""
             sys.stdout.write(
-                f"IMU      {simulated.imu_url}\nMaestro  {simulated.maestro_url}\n\n"
+                f"IMU      {simulated.imu_url}   {config.kind.title}\n"
+                f"Maestro  {simulated.maestro_url}\n\n"
                 "In another terminal:\n"
                 f"  imu-rig calibrate --imu {simulated.imu_url} --maestro {simulated.maestro_url}"
                 f"{layout}\n\nCtrl-C ends it.\n"
