@@ -63,6 +63,7 @@ class DeviceKeeper:
         self.device = device
         self._log, self._source, self._clock, self._take = log, source, clock, take
         self._look_s = look_s
+        self._notify, self._told = notify, ""
         self._watches = {
             name: StreamWatch(
                 name,
@@ -72,7 +73,7 @@ class DeviceKeeper:
                 required=setup.required and name not in setup.optional_streams,
                 log=log,
                 source=source,
-                notify=notify,
+                notify=self._notify_once,
             )
             for name, layout in device.protocol.streams.items()
         }
@@ -200,7 +201,7 @@ class DeviceKeeper:
         byte_age_s = (now - self.device.last_byte_ns) / NS_PER_S
         open_s = (now - self.device.opened_ns) / NS_PER_S
         watches = self._watches.values()
-        others_come = any(watch.fresh for watch in watches)
+        others_come = any(watch.going_on for watch in watches)
         for watch in watches:
             age_s = watch.health.last_packet_age_s
             if not self.device.running:
@@ -238,7 +239,7 @@ class DeviceKeeper:
 
     def _miss(self, watch: StreamWatch, now: int) -> None:
         """Take note of a stream that is missing while others of its port go on."""
-        going = [w.stream for w in self._watches.values() if w.fresh]
+        going = [w.stream for w in self._watches.values() if w.going_on]
         others = ", ".join(going)
         go_on = "goes on" if len(going) == 1 else "go on"
         if watch.heard:
@@ -254,6 +255,12 @@ class DeviceKeeper:
         if watch.heard and not watch.in_gap:
             watch.begin_gap("silent", now)
         watch.show("silent" if watch.heard else "waiting")
+
+    def _notify_once(self, sentence: str) -> None:
+        """Tell what each of several streams has to say of their port only once."""
+        if sentence != self._told:
+            self._notify(sentence)
+        self._told = sentence
 
     def _complain(self, problem: str | None) -> None:
         """Tell of the port as a whole, for every stream that does not come."""

@@ -130,6 +130,11 @@ class StreamWatch:
         """Whether packets come."""
         return bool(self.health.good) and self.health.last_packet_age_s <= self.silent_s
 
+    @property
+    def going_on(self) -> bool:
+        """Whether packets come beyond doubt, also when others fell silent a moment ago."""
+        return self.fresh and self.health.last_packet_age_s <= self.silent_s / 2
+
     def take(self, block: PacketBlock | None, health: StreamHealth) -> bool:
         """Take what came since the last look; True if it was something."""
         self.health = health

@@ -286,6 +286,14 @@ def test_a_device_is_a_port_or_a_name_and_a_port():
     assert named.port == "socket://127.0.0.1:5000"
     assert (named.layout, named.baud, named.required) == ("baro-16", 9600, False)
     assert named.certificate == Path("c.json")
+    several = device_from(
+        "r=/dev/ttyUSB0,layout=two-imu,baud=460800,optional=waist,certificate.foot=f.json,"
+        "certificate.waist=w.json"
+    )
+    assert (several.layout, several.baud, several.required) == ("two-imu", 460_800, True)
+    assert several.optional_streams == ("waist",)
+    assert several.certificates == {"foot": Path("f.json"), "waist": Path("w.json")}
+    assert set(several.protocol().streams) == {"foot", "waist"}
 
 
 def test_options_replace_and_add_to_a_setup_file(tmp_path):

@@ -110,10 +110,11 @@ def test_a_stream_that_falls_silent_alone_has_a_gap_of_its_own(tmp_path):
 def test_a_port_that_is_unplugged_is_missing_in_all_its_streams_and_vanishes_once(tmp_path):
     path = tmp_path / "walk.imu-trial"
     with ServedDevices(CLOCK) as served:
-        with recording(receiver(served), path) as (statuses, _, _, _):
+        with recording(receiver(served), path) as (statuses, notices, _, _):
             until(lambda: set(states(statuses).values()) == {"live"})
             served.unplug("receiver")
             until(lambda: set(states(statuses).values()) == {"lost"})
+            assert len(notices) == 1  # of the port, not of each stream
             served.plug("receiver")
             until(lambda: set(states(statuses).values()) == {"live"})
         runs = served.counters_of("receiver")
@@ -188,6 +189,16 @@ def watch(notes, name="waist"):
     return StreamWatch(
         name, "receiver", "/dev/a", layout, required=True, log=Log(), source=1, notify=notes.append
     ), layout
+
+
+def test_two_streams_that_fall_silent_together_do_not_look_like_one_that_goes_on():
+    slow, _ = watch([])
+    for age_s, goes_on in ((0.0, True), (0.29, True), (0.4, False), (0.59, False), (0.7, False)):
+        slow.take(None, StreamHealth(good=5, last_packet_age_s=age_s))
+        assert slow.going_on == goes_on
+        assert slow.fresh == (age_s < 0.6)
+    slow.take(None, StreamHealth())
+    assert not slow.fresh  # nothing ever came
 
 
 def test_faults_are_kept_after_they_have_gone():
