@@ -26,6 +26,7 @@ from firmware_protocols.unconfirmed import (
     XSENS_FRACTION_FIRST,
     XSENS_LEGACY_AXES,
     XSENS_LEGACY_MATRIX_BY_COLUMNS,
+    XSENS_TEMPERATURE_HZ,
     XSENS_UT_PER_UNIT,
 )
 
@@ -93,6 +94,9 @@ ITEMS = {
     STATUS_WORD: Item("status", 1, ">u4"),
 }
 """The items that are read, by their identifier without its lower four bits."""
+
+MOST_HZ = {0x0810: XSENS_TEMPERATURE_HZ, 0x3010: 50, 0xC020: 100}
+"""What comes less often than the rest, whatever is asked for: temperature, pressure, field."""
 
 STATUS_FLAGS = (("self_test_passed", 0), ("filter_valid", 1), ("gnss_fix", 2))
 STATUS_WORD_FLAGS = (*STATUS_FLAGS, ("sync_in", 21), ("sync_out", 22))

@@ -21,12 +21,12 @@ from firmware_protocols.unconfirmed import (
     XSENS_LEGACY_MATRIX_BY_COLUMNS,
     XSENS_MTI_NOISE,
     XSENS_MTI_RANGE,
-    XSENS_TEMPERATURE_HZ,
     XSENS_UT_PER_UNIT,
 )
 from firmware_protocols.xsens import PERIOD_HZ, PERIODS, TICK_S
 from firmware_protocols.xsens_data import (
     ITEMS,
+    MOST_HZ,
     NED,
     NWU,
     Item,
@@ -55,8 +55,6 @@ WAKE_S = 0.5
 """How long it waits for WakeUpAck."""
 
 EVERY_SAMPLE = 0xFFFF
-MAX_HZ = {0x0810: XSENS_TEMPERATURE_HZ, 0x3010: 50, 0xC020: 100}
-"""Of temperature, pressure and magnetic field; the rest goes up to `FASTEST_HZ`."""
 FASTEST_HZ = 400
 MAX_OUTPUTS = 32
 DEFAULT_HZ = 100
@@ -396,7 +394,7 @@ def _data_bytes(mode: int, settings: int) -> int:
 def _possible(identifier: int, rate: int) -> int:
     if rate == EVERY_SAMPLE or identifier & 0xF000 in (0x1000, 0xE000):
         return EVERY_SAMPLE
-    return max(1, min(rate, MAX_HZ.get(identifier & 0xFFF0, FASTEST_HZ)))
+    return max(1, min(rate, MOST_HZ.get(identifier & 0xFFF0, FASTEST_HZ)))
 
 
 def _bytes(code: str) -> int:

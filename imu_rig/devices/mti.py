@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from firmware_protocols.protocol import DeviceProtocol
 from firmware_protocols.xsens import LEGACY, PERIOD_HZ, XsensProtocol, describe
 from firmware_protocols.xsens_data import (
+    MOST_HZ,
     PACKET_COUNTER,
     SAMPLE_TIME_FINE,
     STATUS_BYTE,
@@ -137,7 +138,8 @@ class MtiConversation:
             self._set_up_legacy(write, hear)
         else:
             self._set_up_mtdata2(write, hear)
-        self._must(write, hear, Mid.GO_TO_MEASUREMENT, b"", "does not begin to measure")
+        answer = self._must(write, hear, Mid.GO_TO_MEASUREMENT)
+        self._refuse(answer, "does not begin to measure")
         self._measurement = None
         if not self._listen(hear, SEND_S):
             sends = "sends nothing: switch it off and on again"
@@ -148,7 +150,7 @@ class MtiConversation:
     def _set_up_mtdata2(self, write: Write, hear: Hear) -> None:
         wanted = output_configuration(self._protocol)
         data = b"".join(struct.pack(">HH", *entry) for entry in wanted)
-        answer = self._must(write, hear, Mid.SET_OUTPUT_CONFIGURATION, data, None)
+        answer = self._set(write, hear, Mid.SET_OUTPUT_CONFIGURATION, data)
         if answer.error is not None and answer.error[:1] == bytes([_UNKNOWN_MESSAGE]):
             raise DeviceError(
                 f"the MTi has no MTData2 ({error_words(answer.error)}): it is of the first "
@@ -177,7 +179,7 @@ class MtiConversation:
         protocol = self._protocol
         # Units of later generations are told to use the legacy format; the first does not know
         # the message and needs no telling.
-        answer = self._must(write, hear, Mid.SET_OUTPUT_CONFIGURATION, bytes(4), None)
+        answer = self._set(write, hear, Mid.SET_OUTPUT_CONFIGURATION, bytes(4))
         if answer.error is not None and answer.error[:1] != bytes([_UNKNOWN_MESSAGE]):
             self._refuse(answer, "does not change to the legacy format")
         period = round(PERIOD_HZ / protocol.rate_hz)
@@ -196,10 +198,17 @@ class MtiConversation:
             ),
         )
         for mid, data, failure in settings:
-            self._must(write, hear, mid, data, failure)
+            self._refuse(self._set(write, hear, mid, data), failure)
 
-    def _must(self, write: Write, hear: Hear, mid: Mid, data: bytes, failure: str | None) -> Answer:
-        """Ask in the Config state; an error is refused where ``failure`` says what it means.
+    def _set(self, write: Write, hear: Hear, mid: Mid, data: bytes) -> Answer:
+        """Set something, unless it is so already: the unit writes it into a memory that wears."""
+        told = self._ask(write, hear, mid)
+        if told.error is None and told.data == data:
+            return told
+        return self._must(write, hear, mid, data)
+
+    def _must(self, write: Write, hear: Hear, mid: Mid, data: bytes = b"") -> Answer:
+        """Ask in the Config state.
 
         An error may mean that the unit is not in its Config state after all, so it is brought
         there again before it is believed.
@@ -208,8 +217,6 @@ class MtiConversation:
         if answer.error is not None:
             self._ask(write, hear, Mid.GO_TO_CONFIG)
             answer = self._ask(write, hear, mid, data)
-        if failure is not None:
-            self._refuse(answer, failure)
         return answer
 
     def _refuse(self, answer: Answer, failure: str) -> None:
@@ -345,7 +352,11 @@ class MtiConversation:
 def output_configuration(protocol: XsensProtocol) -> list[tuple[int, int]]:
     """Return the identifiers and rates [Hz] to ask an MTi for."""
     always = (PACKET_COUNTER, SAMPLE_TIME_FINE, STATUS_BYTE, STATUS_WORD)
-    return [
-        (identifier, EVERY_SAMPLE if identifier in always else int(protocol.rate_hz))
+    wanted = int(protocol.rate_hz)
+    rates = [
+        EVERY_SAMPLE
+        if identifier in always
+        else min(wanted, MOST_HZ.get(identifier & 0xFFF0, wanted))
         for identifier in protocol.outputs
     ]
+    return list(zip(protocol.outputs, rates, strict=True))

@@ -88,21 +88,39 @@ def test_what_is_said_byte_by_byte(talk):
     assert [data.hex(" ").upper() for data in line.written] == [
         "FA FF 30 00 D1",
         "FA FF 00 00 01",
+        "FA FF C0 00 41",
         "FA FF C0 18 10 20 FF FF 10 60 FF FF 40 20 00 64 80 20 00 64 C0 20 00 64 20 10 00 64 ED",
         "FA FF 10 00 F1",
     ]
-    line = configuring(MtiUnit("mark4"))
+    other = Memory(outputs=list(NEW), mode=4, settings=5, period=1000, skip=3)
+    line = configuring(MtiUnit("mark4", other))
     talk(OLD_MTI, line)
     assert [data.hex(" ").upper() for data in line.written] == [
         "FA FF 30 00 D1",
         "FA FF 00 00 01",
+        "FA FF C0 00 41",
         "FA FF C0 04 00 00 00 00 3D",
+        "FA FF 04 00 FD",
         "FA FF 04 02 04 80 77",
+        "FA FF D4 00 2D",
         "FA FF D4 02 00 00 2B",
+        "FA FF D0 00 31",
         "FA FF D0 02 00 07 28",
+        "FA FF D2 00 2F",
         "FA FF D2 04 00 00 00 01 2A",
         "FA FF 10 00 F1",
     ]
+
+
+@pytest.mark.parametrize("protocol", [MTI, OLD_MTI])
+def test_what_is_so_already_is_not_written_again(talk, protocol):
+    """The unit keeps it in a memory that bears so many writes only."""
+    unit = MtiUnit("mark4")
+    talk(protocol, Line(unit, on_s=1.0))
+    again = Line(unit, on_s=1.0)
+    _, packets = talk(protocol, again)
+    assert len(packets) > 90
+    assert all(len(data) == 5 for data in again.written)  # requests, and changes of state
 
 
 @pytest.mark.parametrize("state", STATES)
