@@ -48,7 +48,7 @@ def repair(
 
 
 def _packets_lost(outcome: Repair) -> dict[str, int]:
-    """How many packets each sensor's own numbers say were lost with the damage."""
+    """How many packets the numbers of each source's streams say were lost with the damage."""
     from imu_rig.errors import InputError
     from imu_rig.recording.missing import LOST_IN_FILE
     from imu_rig.recording.reader import open_trial
@@ -56,13 +56,15 @@ def _packets_lost(outcome: Repair) -> dict[str, int]:
     if outcome.target is None or outcome.target.stat().st_size > LARGEST_DECODED_BYTES:
         return {}
     trial = open_trial(outcome.target)
-    lost = {}
+    lost: dict[str, int] = {}
     for name in trial.sensors:
         try:
             missing = trial.missing(name)
         except InputError:  # a layout that cannot be read is no reason not to repair
             continue
-        lost[name] = sum(part.samples or 0 for part in missing if part.reason == LOST_IN_FILE)
+        source = trial.source(name).name
+        damaged = [part.samples or 0 for part in missing if part.reason == LOST_IN_FILE]
+        lost[source] = lost.get(source, 0) + sum(damaged)
     return lost
 
 
