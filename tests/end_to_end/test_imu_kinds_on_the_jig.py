@@ -11,6 +11,7 @@ from firmware_protocols.known import load_protocol
 from imu_rig.calibration.gravity import Gravity
 from imu_rig.calibration.model import physical_figures
 from imu_rig.cli.simulated import simulated_session
+from imu_rig.devices.conversation import conversation_for
 from imu_rig.devices.jig import load_jig
 from imu_rig.recording.reader import open_trial
 from imu_rig.session.history import read_session
@@ -60,6 +61,8 @@ def test_a_session_finds_what_the_sensor_is_within_what_it_states(layout, tmp_pa
         gravity = Gravity.given(simulated.rig.truth.gravity)
     trial = open_trial(path)
     assert read_session(trial).layout == protocol
+    asked = bool(trial.wire("imu", "out").data)
+    assert asked == (conversation_for(protocol) is not None), "what was said to it is kept"
     result = solve_session(trial, gravity=gravity)
     line = truth.accel
     found, true = physical_figures(result.accel), physical_figures(line)
