@@ -178,18 +178,17 @@ def find_out(
         What to recognize; built-in ones by default.
     """
     first = DEFAULT_BAUD if baud is None else baud
-    finding = judge(
-        listen_to(
-            url,
-            seconds,
-            first,
-            stop=stop,
-            progress=lambda gone, total: progress(
-                f"listening to {url}: {gone:.0f} of {seconds:.0f} s, {total} bytes"
-            ),
+    heard = listen_to(
+        url,
+        seconds,
+        first,
+        stop=stop,
+        progress=lambda gone, total: progress(
+            f"listening to {url}: {gone:.0f} of {seconds:.0f} s, {total} bytes"
         ),
-        protocols,
     )
+    progress(f"looking at what {url} said")
+    finding = judge(heard, protocols)
     if finding.state != "noise" or baud is not None or not baud_matters(url):
         return finding
     for other in COMMON_BAUDS:

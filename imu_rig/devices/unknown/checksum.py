@@ -46,6 +46,7 @@ def find_checksum(rows: ByteArray) -> FoundChecksum | None:
 def _likely(rows: ByteArray, kind: str, size: int) -> list[tuple[int, str]]:
     """Return starts and byte orders that fit one of the first packets, smallest start first."""
     length = rows.shape[1] - size
+    # one that covers less than half would be that of the last of several packets in a row
     starts = range(length // 2 + 1 if length <= MANY_BYTES else FEW_STARTS)
     of = fast_checksum(kind)
     found: set[tuple[int, str]] = set()

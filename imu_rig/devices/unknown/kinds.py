@@ -6,6 +6,8 @@ look like one packet of twice that length, until a checksum tells that it is not
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imu_rig.devices.unknown.analysis import (
@@ -55,7 +57,7 @@ def analyse_kinds(
     kinds: list[UnknownPackets] = []
     rest = data
     while len(kinds) < MOST_KINDS:
-        more = _in_turn(rest, seconds) or _single(rest, seconds, pauses if rest is data else ())
+        more = _kinds_of_period(rest, seconds, pauses if rest is data else ())
         if kinds and not all(found.beginning_sure for found in more):
             break  # what is left over may be damage, in which much can be seen
         if not more or _not_told_apart([*kinds, *more]):
@@ -77,20 +79,15 @@ def _not_told_apart(kinds: list[UnknownPackets]) -> bool:
     )
 
 
-def _single(data: bytes, seconds: float | None, pauses: tuple[int, ...]) -> list[UnknownPackets]:
-    """Return the kind of packets that there is most of, if any."""
-    period = find_period(data)
-    framed = None if period is None else frame(data, period, pauses)
-    return [] if framed is None else [_timed(framed, data, seconds)]
-
-
 def _timed(framed: Framed, data: bytes, seconds: float | None) -> UnknownPackets:
     """Describe packets by the rate at which a draft of their layout finds them."""
     found = describe(framed, None)
     if not seconds:
         return found
     packets = len(drafted_layout(found).decoder().feed(data)[""])
-    return describe(framed, packets / seconds) if packets else found
+    if found.clock is None or not packets:
+        return replace(found, rate_hz=packets / seconds if packets else None)
+    return describe(framed, packets / seconds)
 
 
 def _without(data: bytes, kinds: list[UnknownPackets]) -> bytes:
@@ -103,24 +100,26 @@ def _without(data: bytes, kinds: list[UnknownPackets]) -> bytes:
     return np.frombuffer(data, np.uint8)[free].tobytes()
 
 
-def _in_turn(data: bytes, seconds: float | None) -> list[UnknownPackets]:
-    """Return kinds of packets of one length that take turns; none where there is only one."""
+def _kinds_of_period(
+    data: bytes, seconds: float | None, pauses: tuple[int, ...]
+) -> list[UnknownPackets]:
+    """Return the packets that make a stream like itself: one kind, or several in turn."""
     period = find_period(data)
     if period is None:
         return []
+    whole = frame(data, period, pauses)
     for turns in range(1, MOST_IN_TURN + 1):
         length = period // turns
         if period % turns or length < LEAST_LENGTH:
             continue
-        framed = frame(data, length)
+        framed = whole if turns == 1 else frame(data, length)
         if framed is None or framed.checksum is None:
             continue
         kinds = _told_apart(framed, seconds)
-        if turns > 1 and not kinds:  # one kind, of which every second packet is alike
-            return [_timed(framed, data, seconds)]
         if kinds:
             return kinds
-    return []
+        return [_timed(framed, data, seconds)]
+    return [] if whole is None else [_timed(whole, data, seconds)]
 
 
 def _told_apart(framed: Framed, seconds: float | None) -> list[UnknownPackets]:

@@ -15,6 +15,7 @@ from imu_rig.arrays import BoolArray, ByteArray, IntArray
 
 LONGEST = 1024
 LEAST_PACKETS = 8
+MOST_ROWS = 1000
 ANALYSED_BYTES = 1 << 16
 """More tells no more."""
 
@@ -114,7 +115,7 @@ def align(data: bytes, period: int) -> Aligned | None:
     if best is None or best[0] < LEAST_ANCHORED:
         return None
     starts = _in_step(best[1], period)
-    starts = starts[starts + period <= len(values)]
+    starts = starts[starts + period <= len(values)][:MOST_ROWS]
     if len(starts) < LEAST_PACKETS:
         return None
     rows = values[starts[:, None] + np.arange(period)]

@@ -17,6 +17,7 @@ LIKELY_HEADERS = 16
 LENGTH_PLACES = range(1, 8)  # behind the beginning of the frame
 LONGEST_OVERHEAD = 24  # bytes that the length does not count
 LEAST_LENGTHS = 2
+LEAST_OTHERS = 0.05  # share of the frames that must not have the most frequent length
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,8 @@ def _walked(data: bytes, header: bytes, at: IntArray, place: int) -> VariableFra
         position = following
     frames = sum(lengths.values())
     if frames < LEAST_FRAMES or linked < LINKED * frames or len(lengths) < LEAST_LENGTHS:
+        return None
+    if max(lengths.values()) > (1 - LEAST_OTHERS) * frames:
         return None
     share = sum(length * count for length, count in lengths.items()) / len(data)
     if share < 0.5:
