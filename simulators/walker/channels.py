@@ -1,8 +1,9 @@
 """One coordinate of a motion as a smooth piecewise polynomial that is written down by its speeds.
 
-Between two knots the speed goes over from one value to the next along ``10 u^3 - 15 u^4 + 6 u^5``:
-speed, acceleration and jerk are continuous, at a knot acceleration and jerk are zero. Where the
-speed is zero at both knots, the coordinate rests exactly.
+Between two knots the speed goes over from one value to the next along the polynomial of degree 9
+that has four derivatives of zero at both ends: a coordinate has five continuous derivatives, and
+samples of its second still integrate back to it at 400 Hz. Where the speed is zero at both knots,
+the coordinate rests exactly.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from simulators.walker.jets import Jet
 
-STEP_INTEGRAL = (0.0, 0.0, 0.0, 0.0, 0.0, 7.0, -14.0, 10.0, -2.5)
+STEP_INTEGRAL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 21.0, -60.0, 67.5, -35.0, 7.0)
+DEGREE = len(STEP_INTEGRAL) - 1
 """Integral of the smooth step from 0 to u, by powers of u; one half at u = 1."""
 
 
@@ -60,7 +62,7 @@ class Track:
         self.t = t
         self.value = value
         self._breaks = [t]
-        self._pieces: list[tuple[float, ...]] = [(value, *[0.0] * 8)]
+        self._pieces: list[tuple[float, ...]] = [(value, *[0.0] * DEGREE)]
 
     def run(self, times: Sequence[float], speeds: Sequence[float]) -> None:
         """Go through speeds at times; the first and the last speed are zero.
@@ -82,7 +84,7 @@ class Track:
             self._put(begin, piece)
             self.value += 0.5 * (slow + fast) * span
         self.t = times[-1]
-        self._put(self.t, [self.value, *[0.0] * 8])
+        self._put(self.t, [self.value, *[0.0] * DEGREE])
 
     def go(self, times: Sequence[float], shape: Sequence[float], change: float) -> None:
         """Change by so much in all, with speeds in the proportions of a shape."""
@@ -93,7 +95,7 @@ class Track:
         """Go on from another value."""
         self.t = max(self.t, t)
         self.value = value
-        self._put(t, [self.value, *[0.0] * 8])
+        self._put(t, [self.value, *[0.0] * DEGREE])
 
     def channel(self) -> Channel:
         """Return what was written."""

@@ -39,19 +39,22 @@ STRIKE_ROLL = 6.0 * DEG
 
 CREEP_S = 0.3
 """A foot that lies for less time creeps less."""
+LEAST_CREEP_S = 0.08
+"""A foot that lies for less time does not creep at all."""
 CREEP_EVERY_S = 4.0
 """A foot that stands longer turns a little again and again."""
 
-CRUISE = (0.33, 0.60)
+CRUISE = (0.35, 0.55)
 """Shares of the swing between which the foot is at its fastest."""
 
-EDGE_M, OVER_EDGE_M = 0.1, 0.1
-"""A stride that rises by so much [m] goes over an edge, and so much higher than its end."""
-OVER_EDGE_AT = 0.36
-UP_FIRST = 0.06
+EDGE_M, OVER_EDGE_M = 0.1, 0.06
+"""A stride that rises by so much more than the ground's slope [m] goes over an edge, and so much
+higher than its end."""
+OVER_EDGE_AT = 0.52
+UP_FIRST = 0.15
 """Shares of the swing at which it is highest, and before which it only goes up."""
 
-STRIKE_S = 0.06
+STRIKE_S = 0.072
 """In this time the ground takes the last speed from the foot."""
 
 
@@ -126,7 +129,7 @@ class Foot:
         for piece in range(number):
             start = begin + (end - begin) * (piece + 0.1) / number
             stop = begin + (end - begin) * (piece + 0.9) / number
-            if stop - start < 0.02:
+            if stop - start < LEAST_CREEP_S:
                 continue
             times = (start, 0.5 * (start + stop), stop)
             creep = self._manner.creep * min(1.0, (stop - start) / CREEP_S)
@@ -159,8 +162,8 @@ class Foot:
         down = (kick_s, *(kick_s + share * (end - kick_s) for share in (0.40, 0.80, 1.0)))
         self._pitch.go(down, (0.0, 1.0, 0.3, 0.0), strike - self._pitch.value)
 
-        early, late = (
-            tuple(begin + share * swing for share in shares)
+        outward, back = (
+            [begin + share * swing for share in shares]
             for shares in ((0.04, 0.22, 0.40), (0.40, 0.68, 0.97))
         )
         for track, out, aim in (
@@ -168,21 +171,22 @@ class Foot:
             (self._roll, SWING_ROLL, self._side * STRIKE_ROLL),
         ):
             away = -self._side * out * (1.0 + 3.0 * self._manner.angles * self._normal())
-            track.go(early, (0.0, 1.0, 0.0), away)
-            track.go(late, (0.0, 1.0, 0.0), aim - track.value)
+            track.go(outward, (0.0, 1.0, 0.0), away + 0.4 * (aim - track.value))
+            track.go(back, (0.0, 1.0, 0.0), aim - track.value)
         if gait.strike < 0.0:
             along = tuple(begin + share * swing for share in (0.35, 0.65, 0.95))
             self._guide.go(along, (0.0, 1.0, 0.0), 1.0)
-        self._carry(after, begin, swing)
+        self._carry(after, begin, swing, -min(fall.ground, after.ground))
 
-    def _carry(self, after: Footfall, begin: float, swing: float) -> None:
+    def _carry(self, after: Footfall, begin: float, swing: float, steepest: float) -> None:
         """Bring the ball to its next place."""
         gait = after.gait
         way = np.array(after.ball) - [track.value for track in self._place]
         length = math.hypot(way[0], way[1])
         toes, last = self._toes(after, begin, swing), begin + swing - STRIKE_S
         cruise_from, cruise_to = (begin + share * swing for share in CRUISE)
-        if way[2] >= EDGE_M:  # up before ahead
+        edge = way[2] - length * math.tan(steepest) >= EDGE_M
+        if edge:  # up before ahead
             toes = begin + UP_FIRST * swing
         times = (toes, cruise_from, cruise_to, last, begin + swing)
         cruise = swept(times, (0.0, 1.0, 1.0, 0.0, 0.0))
@@ -198,17 +202,17 @@ class Foot:
         cos, sin = (way[0] / length, way[1] / length) if length > 1e-6 else (1.0, 0.0)
         for track, share, aside in ((self._place[0], cos, -sin), (self._place[1], sin, cos)):
             track.run(times, [share * f + aside * o for f, o in zip(forward, outward, strict=True)])
-        self._lift(after, begin, swing, float(way[2]))
+        self._lift(after, begin, swing, float(way[2]), edge)
 
     @staticmethod
     def _toes(after: Footfall, begin: float, swing: float) -> float:
         """Return when the ball leaves the ground before the toes do."""
         return begin - after.gait.toes / (1.0 - after.gait.stance) * swing
 
-    def _lift(self, after: Footfall, begin: float, swing: float, rise: float) -> None:
+    def _lift(self, after: Footfall, begin: float, swing: float, rise: float, edge: bool) -> None:
         gait = after.gait
         lift, high = gait.lift_m, gait.lift_at
-        if rise >= EDGE_M:
+        if edge:
             lift, high = max(lift, OVER_EDGE_M), OVER_EDGE_AT
         up = lift + max(rise, 0.0)
         down = up - rise
@@ -227,7 +231,7 @@ class Foot:
     def _land(self, fall: Footfall) -> None:
         """Come down on the sole about the point that has met the ground."""
         span = fall.flat - fall.contact
-        times = (fall.contact, fall.contact + 0.45 * span, fall.flat)
+        times = (fall.contact, fall.contact + 0.5 * span, fall.flat)
         self._pitch.go(times, (0.0, 1.0, 0.0), fall.ground - self._pitch.value)
         self._roll.go(times, (0.0, 1.0, 0.0), -self._roll.value)
         self._guide.jump(fall.flat, 0.0)

@@ -25,7 +25,7 @@ from simulators.walker.path import (
 RUN_FROM_MS = 2.1
 """Who goes faster runs."""
 
-STAIRS_STEP_S = 0.56
+STAIRS_STEP_S = 0.62
 TURN_STEP_S = 0.52
 TURN_STEP_DEG = 50.0
 TOE_OUT = 6.0 * DEG

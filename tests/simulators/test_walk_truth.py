@@ -52,9 +52,10 @@ def test_integrating_a_minute_of_means_returns_the_trajectory_within_a_millimetr
     assert np.linalg.norm(turned, axis=1).max() < 1e-6
 
 
-def test_values_at_moments_integrate_to_the_trajectory_of_the_waist():
-    sensor = walker(*WALKS["running"]).sensor("waist")
-    truth = sensor.at(np.arange(30.0 * RATE_HZ + 1.0) / RATE_HZ)
+@pytest.mark.parametrize(("walk", "place"), [("running", "left-foot"), ("stairs", "left-foot")])
+def test_integrating_values_at_moments_returns_the_trajectory_too(walk, place):
+    sensor = walker(*WALKS[walk]).sensor(place)
+    truth = sensor.at(np.arange(60.0 * RATE_HZ + 1.0) / RATE_HZ)
     position, _ = of_points(truth, STANDARD_GRAVITY)
     assert np.linalg.norm(position - truth.position, axis=1).max() < 1e-3
 
