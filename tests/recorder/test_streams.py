@@ -3,14 +3,16 @@
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_protocols.known import load_protocol
+from imu_rig.calibration.certificate import load_certificate
 from imu_rig.clock import SystemClock
 from imu_rig.devices.stream_device import StreamHealth
-from imu_rig.errors import DeviceError
+from imu_rig.errors import DeviceError, InputError
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.engine import Recorder
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
@@ -21,6 +23,7 @@ from imu_rig.recording.replay import RecordedWires
 from imu_rig.stopping import StopRequest
 from simulators.served_devices import ServedDevices
 
+CERTIFICATE = Path(__file__).parents[1] / "data" / "certificate-v1.json"
 CLOCK = SystemClock()
 PATIENCE_S = 20.0
 
@@ -74,7 +77,8 @@ def receiver(served, **more):
 def test_a_stream_that_falls_silent_alone_has_a_gap_of_its_own(tmp_path):
     path = tmp_path / "walk.imu-trial"
     with ServedDevices(CLOCK) as served:
-        with recording(receiver(served), path) as (statuses, notices, _, _):
+        devices = receiver(served, certificates={"foot": CERTIFICATE})
+        with recording(devices, path) as (statuses, notices, _, _):
             until(lambda: set(states(statuses).values()) == {"live"})
             served.silence("receiver", stream="waist")
             until(lambda: states(statuses)["receiver/waist"] == "silent")
@@ -103,6 +107,12 @@ def test_a_stream_that_falls_silent_alone_has_a_gap_of_its_own(tmp_path):
     assert (of_waist["gaps"], of_foot["gaps"], of_port["gaps"]) == (1, 0, 1)
     assert of_foot["packets"] == len(trial.samples("receiver/foot"))
     assert of_port["packets"] == of_foot["packets"] + of_waist["packets"]
+    kept = load_certificate(CERTIFICATE)
+    assert trial.certificate("receiver/foot") == kept
+    calibrated = trial.imu("receiver/foot", calibrated=True)
+    assert not np.allclose(calibrated.accel, trial.imu("receiver/foot").accel)
+    with pytest.raises(InputError, match="no certificate"):
+        trial.certificate("receiver/waist")
     # the port never went: a replay must not take it away
     assert {chunk.what for chunk in RecordedWires(trial)} == {"in", "end"}
 
@@ -248,8 +258,6 @@ def test_a_device_is_what_its_streams_are():
     ],
 )
 def test_streams_that_there_are_not_are_refused(values, named):
-    from imu_rig.errors import InputError
-
     with pytest.raises(InputError, match="Device 'r'") as refused:
         DeviceSetup(name="r", port="/dev/a", **values).protocol()
     assert named in str(refused.value)
