@@ -205,6 +205,9 @@ def _by_length(lengths: Positions, which: Positions) -> Iterator[tuple[int, Posi
     """Yield every length that is there and the indices that have it, each in order."""
     if not len(which):
         return
+    if len(which) == 1:
+        yield int(lengths[which[0]]), which
+        return
     order = which[np.argsort(lengths[which], kind="stable")]
     found, first = np.unique(lengths[order], return_index=True)
     yield from zip(found.tolist(), np.split(order, first[1:]), strict=True)

@@ -30,8 +30,6 @@ from firmware_protocols.rows import RowLayout, check_names
 from firmware_protocols.variable_framing import FramedBytes, FrameDecoder
 from firmware_protocols.xsens_data import (
     ITEMS,
-    PACKET_COUNTER,
-    SAMPLE_TIME_FINE,
     STATUS_WORD,
     FloatArray,
     Part,
@@ -62,9 +60,15 @@ PERIODS = range(225, 11_521)
 MANY_SHAPES = 8
 """From so many arrangements of items of one length on, messages are sorted one by one."""
 
+MOST_KEPT = 1000
+"""Arrangements that are remembered."""
+
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.int64]
 Shape = tuple[tuple[int, int, int], ...]
+"""Identifier, offset of the data and size of each item."""
+Wanted = tuple[tuple[str, int, int, int], ...]
+"""Field, identifier, offset and size of the items that are read."""
 
 _IDENTIFIER = re.compile(r"(?:0x)?[0-9A-Fa-f]{4}")
 
@@ -274,6 +278,7 @@ class XsensDecoder(FrameDecoder):
         self._rows = 0
         self._malformed = 0
         self._sequence = SequenceCounter(1 << 16)
+        self._wanted: dict[Shape, Wanted] = {}
 
     @property
     def stats(self) -> DecodeStats:
@@ -333,18 +338,32 @@ class XsensDecoder(FrameDecoder):
             if shape is None:
                 self._malformed += len(which)
                 continue
-            seen = {identifier & 0xFFF0 for identifier, _, _ in shape}
-            if self._layout.counter is not None and PACKET_COUNTER not in seen:
-                continue  # nothing tells where it belongs
-            if self._layout.clock is not None and SAMPLE_TIME_FINE not in seen:
+            wanted = self._wanted.get(shape)
+            if wanted is None:
+                wanted = self._want(shape)
+            if not wanted:
                 continue
-            for identifier, at, size in shape:
-                item = item_of(identifier)
-                if item is None or size != size_of(identifier) or not self._layout.has(item.field):
-                    continue
-                said = read_item(identifier, data[which, at : at + size])
-                _fill(rows, item.field, index[which], said)
-            is_row[index[which]] = True
+            some = data if len(which) == len(data) else data[which]
+            to = index if len(which) == len(data) else index[which]
+            for field, identifier, at, size in wanted:
+                _fill(rows, field, to, read_item(identifier, some[:, at : at + size]))
+            is_row[to] = True
+
+    def _want(self, shape: Shape) -> Wanted:
+        """Return which items of an arrangement go into which fields; none if it is no row."""
+        layout = self._layout
+        found = []
+        for identifier, at, size in shape:
+            item = item_of(identifier)
+            if item is not None and size == size_of(identifier) and layout.has(item.field):
+                found.append((item.field, identifier, at, size))
+        fields = {entry[0] for entry in found}
+        if not {layout.counter, layout.clock} - {None} <= fields:
+            found = []  # nothing tells where it belongs
+        if len(self._wanted) >= MOST_KEPT:
+            self._wanted.clear()
+        self._wanted[shape] = tuple(found)
+        return tuple(found)
 
 
 def _blank(layout: RowLayout) -> npt.NDArray[np.void]:

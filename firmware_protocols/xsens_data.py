@@ -273,20 +273,25 @@ def _utc(raw: Bytes) -> FloatArray:
 def as_quaternions(numbers: FloatArray, *, by_columns: bool = False) -> FloatArray:
     """Return orientations as quaternions, shape (n, 4), by how many numbers each has.
 
-    Four are a quaternion, w first; three are roll, pitch and yaw [deg]; nine a matrix.
+    Four are a quaternion, w first; three are roll, pitch and yaw [deg]; nine a matrix. What is
+    no rotation comes out as NaN or as whatever its numbers make of it.
     """
-    if numbers.shape[1] == 3:
-        return _of_euler(numbers)
-    if numbers.shape[1] == 9:
-        matrices = numbers.reshape(-1, 3, 3)
-        return _of_matrices(matrices.transpose(0, 2, 1) if by_columns else matrices)
+    with np.errstate(all="ignore"):
+        if numbers.shape[1] == 3:
+            return _of_euler(numbers)
+        if numbers.shape[1] == 9:
+            matrices = numbers.reshape(-1, 3, 3)
+            return _of_matrices(matrices.transpose(0, 2, 1) if by_columns else matrices)
     return numbers
 
 
 def to_enu(quaternions: FloatArray, axes: int) -> FloatArray:
     """Return orientations in some axes of the earth, shape (n, 4), in east, north, up."""
     turn = _TO_ENU.get(axes)
-    return quaternions if turn is None else _product(turn, quaternions)
+    if turn is None:
+        return quaternions
+    with np.errstate(all="ignore"):  # bytes may be no rotation at all
+        return _product(turn, quaternions)
 
 
 def _vectors_to_enu(vectors: FloatArray, axes: int) -> FloatArray:
@@ -347,8 +352,7 @@ def _of_matrices(matrices: FloatArray) -> FloatArray:
     row = np.arange(len(matrices))
     greatest = np.argmax(squares, axis=1)
     chosen: FloatArray = products[row, greatest]
-    with np.errstate(all="ignore"):  # bytes may be no rotation at all: NaN
-        chosen /= 2.0 * np.sqrt(squares[row, greatest])[:, np.newaxis]
+    chosen /= 2.0 * np.sqrt(squares[row, greatest])[:, np.newaxis]
     return chosen
 
 

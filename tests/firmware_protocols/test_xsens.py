@@ -252,6 +252,23 @@ def test_a_known_item_of_another_size_is_skipped_too():
     assert rows["gyro"].tolist() == [[1, 2, 3]]
 
 
+@pytest.mark.parametrize("number", [np.inf, -np.inf, np.nan, 3e38, 0.0])
+@pytest.mark.parametrize("base", [base for base, item in ITEMS.items() if item.code == "f"])
+def test_numbers_that_are_none_are_taken_without_a_word(base, number):
+    for axes in (0x0, 0x4, 0x8) if ITEMS[base].earth else (0x0,):
+        for number_format in (0, 3):
+            numbers = np.full((1, ITEMS[base].count), number)
+            raw = write_numbers(numbers, number_format).tobytes()
+            identifier = base | axes | number_format
+            protocol = XsensProtocol("none", outputs=(identifier,))
+            assert len(rows_of(protocol, message_bytes([(identifier, raw)]))) == 1
+
+
+def test_a_counter_of_another_size_is_none():
+    frame = message_bytes([(0x1020, bytes(4)), (0x1060, bytes(4)), (0x4020, bytes(12))])
+    assert len(rows_of(MTI, frame)) == 0
+
+
 def test_messages_that_are_no_rows():
     decoder = MTI.decoder()
     for sent in (
