@@ -37,7 +37,6 @@ WALKS = {
     [
         ("walking", "left-foot"),
         ("running", "right-foot"),
-        ("stairs", "left-foot"),
         ("stairs", "waist"),
     ],
 )
