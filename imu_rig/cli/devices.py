@@ -237,9 +237,18 @@ def _print_port(one: Surveyed, sheet: Sheet) -> None:
     else:
         style = "green" if finding.state == "known" and "Maestro" in finding.says else "yellow"
         sheet.entry("  it", f"{finding.says}{at}", style)
+        _print_commands(finding, one.address, sheet)
     if finding.state in ("unknown", "noise", "text"):
         command = f"imu-rig devices identify {shlex.quote(one.port.url)}"
         sheet.command(command, "  see")
+
+
+def _print_commands(finding: Finding, address: str, sheet: Sheet) -> None:
+    """Print how a device can be recorded that has to be asked for measurements."""
+    for layout in finding.layouts:
+        first = layout == finding.layouts[0]
+        command = _command(address, layout, finding.heard.baud)
+        sheet.command(command, "  record" if first else "  or")
 
 
 def _recognized_words(finding: Finding) -> str:
@@ -286,6 +295,7 @@ def _finding_json(finding: Finding, address: str) -> dict[str, Any]:
         "layout": None,
         "streams": {},
         "record": None,
+        "layouts_to_try": list(finding.layouts),
     }
     if finding.recognized is not None:
         found["layout"] = finding.recognized.name
@@ -343,12 +353,13 @@ def _print_finding(port: str, address: str, finding: Finding, written: str | Non
         _print_draft(port, address, finding, written, sheet)
         return
     sheet.entry("  it", finding.says, "yellow")
+    _print_commands(finding, address, sheet)
     if finding.frames is not None:
         show_frames(finding.frames, sheet)
     elif finding.state == "text":
         for line in _text_lines(heard):
             sheet.command(line)
-    else:
+    elif finding.state == "noise":
         sheet.entry("  bytes", heard.data[:HEX_BYTES].hex(" ").upper())
 
 

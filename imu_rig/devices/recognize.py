@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,14 +9,9 @@ import numpy as np
 
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.layout import PacketLayout
-from firmware_protocols.mavlink import IMU_MESSAGES
-from firmware_protocols.mavlink_frames import MAVLINK_FORMAT
-from firmware_protocols.mavlink_messages import MESSAGES
 from firmware_protocols.protocol import DeviceProtocol
-from firmware_protocols.variable_framing import find_frames
-from firmware_protocols.xsens import describe
-from firmware_protocols.xsens_frames import Mid, error_words, find_messages
 from imu_rig.arrays import IntArray
+from imu_rig.devices.known_messages import known_messages
 from imu_rig.foreign_text import one_line
 
 MIN_BYTES = 64
@@ -31,14 +25,7 @@ SHARE_OF_TEXT = 0.95
 UNPROVEN_SHARE = 0.9
 """Of the bytes, what packets of several kinds without checksums must make up."""
 
-MOST_NAMED = 5
 LONGEST_TEXT = 40
-MAVLINK_1 = 0xFE
-MAVLINK_LAYOUTS = {
-    "HIGHRES_IMU": "mavlink-highres",
-    "SCALED_IMU": "mavlink-scaled",
-    "RAW_IMU": "mavlink-raw",
-}
 
 
 @dataclass(frozen=True)
@@ -158,9 +145,9 @@ def explain_unknown(
     spoken = find_protocol(data, protocols)
     if spoken is not None:
         return f"sends packets of the layout {spoken.name}: use that layout"
-    messages = other_messages(data)
+    messages = known_messages(data)
     if messages is not None:
-        return messages
+        return messages.says
     if len(data) < MIN_BYTES:
         return (
             f"sends only {len(data)} bytes, too few to recognize: check that it is set to send "
@@ -204,71 +191,6 @@ def text_in(data: bytes) -> str | None:
     lines = data[: 10 * LONGEST_TEXT].decode("ascii", errors="replace").splitlines()
     whole = lines[1:-1] or lines
     return one_line(max(whole, key=len) if whole else "", LONGEST_TEXT)
-
-
-def other_messages(data: bytes) -> str | None:
-    """Say in half a sentence what messages of a known kind hold where none of them measures.
-
-    Returns
-    -------
-    str or None
-        None where there are no such messages.
-    """
-    return _mavlink(data) or _xsens(data)
-
-
-def _mavlink(data: bytes) -> str | None:
-    frames = find_frames(MAVLINK_FORMAT, data)
-    starts, lengths = frames.starts.tolist(), frames.lengths.tolist()
-    if not starts or sum(lengths) < SHARE_OF_BYTES * (len(data) - max(lengths)):
-        return None
-    named = {message.number: message.name for message in MESSAGES.values()}
-    counted: Counter[str] = Counter()
-    old = 0
-    for start in starts:
-        first = data[start] == MAVLINK_1
-        old += first
-        place = data[start + 5 : start + 6] if first else data[start + 7 : start + 10]
-        number = int.from_bytes(place, "little")
-        counted[named.get(number, f"message {number}")] += 1
-    shown = ", ".join(name for name, _ in counted.most_common(MOST_NAMED))
-    version = "version 1 of MAVLink" if old > len(starts) / 2 else "MAVLink"
-    heard = next((name for name in IMU_MESSAGES if name in counted), None)
-    if heard is not None:
-        layout = MAVLINK_LAYOUTS.get(heard, f"file that names the message {heard}")
-        return f"speaks {version} with {heard}: use the layout {layout}"
-    return (
-        f"speaks {version} ({shown}) but sends no IMU message by itself: use the layout "
-        "mavlink-highres or mavlink-scaled, which ask for it"
-    )
-
-
-def _xsens(data: bytes) -> str | None:
-    messages, _ = find_messages(data)
-    if not messages:
-        return None
-    frames = sum(len(message.data) + 5 for message in messages)
-    if frames < SHARE_OF_BYTES * len(data) - MIN_BYTES:
-        return None
-    measured = describe(messages)
-    if measured:
-        return (
-            f"is an Xsens MTi that sends {measured}: use the layout xsens-mti or "
-            "xsens-mti-legacy, which set it up, or describe what it sends in one of your own"
-        )
-    error = next((m for m in reversed(messages) if m.mid == Mid.ERROR), None)
-    if error is not None:
-        return f"is an Xsens MTi that reports {error_words(error.data)}: switch it off and on again"
-    kinds = {message.mid for message in messages}
-    if kinds <= {Mid.WAKE_UP}:
-        return (
-            "is an Xsens MTi that has just woken up and does not measure yet: wait a second, or "
-            "use the layout xsens-mti, which starts it"
-        )
-    return (
-        "is an Xsens MTi in its Config state, which answers but does not measure: use the layout "
-        "xsens-mti or xsens-mti-legacy, which start it, or switch it off and on"
-    )
 
 
 def _in_rows(ends: IntArray, layout: PacketLayout) -> bool:

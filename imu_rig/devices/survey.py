@@ -13,6 +13,7 @@ from typing import Literal
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.protocol import DeviceProtocol
 from imu_rig.clock import SystemClock
+from imu_rig.devices.known_messages import known_messages
 from imu_rig.devices.listening import COMMON_BAUDS, Heard, baud_matters, listen
 from imu_rig.devices.maestro import MaestroClient
 from imu_rig.devices.ports import DEFAULT_BAUD, SeenPort, seen_ports, usb_address
@@ -20,7 +21,6 @@ from imu_rig.devices.recognize import (
     Recognized,
     explain_unknown,
     find_protocol,
-    other_messages,
     text_in,
 )
 from imu_rig.devices.unknown.analysis import UnknownPackets
@@ -60,6 +60,8 @@ class Finding:
     kinds : tuple of UnknownPackets
         Of packets of no known layout, where that was found.
     frames : VariableFrames or None
+    layouts : tuple of str
+        Layouts to record a known device with that sends no measurements by itself.
     """
 
     state: State
@@ -68,6 +70,7 @@ class Finding:
     recognized: Recognized | None = None
     kinds: tuple[UnknownPackets, ...] = ()
     frames: VariableFrames | None = None
+    layouts: tuple[str, ...] = ()
 
     @property
     def rates_hz(self) -> dict[str, float | None]:
@@ -131,9 +134,9 @@ def judge(heard: Heard, protocols: Mapping[str, DeviceProtocol] | None = None) -
     recognized = find_protocol(data, protocols)
     if recognized is not None:
         return Finding("recognized", heard, f"speaks {recognized.name}", recognized)
-    messages = other_messages(data)
+    messages = known_messages(data)
     if messages is not None:
-        return Finding("known", heard, messages)
+        return Finding("known", heard, messages.says, layouts=messages.layouts)
     text = text_in(data)
     if text is not None:
         return Finding("text", heard, f"sends text ({text!r})")

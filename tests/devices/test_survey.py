@@ -47,6 +47,11 @@ def test_what_is_heard_is_named(data, state, words):
     assert words in finding.says
 
 
+def test_a_device_that_must_be_asked_comes_with_its_layouts():
+    assert judge(heard(bytes.fromhex("FAFF3E00C3"))).layouts == ("xsens-mti", "xsens-mti-legacy")
+    assert judge(heard(PACKETS)).layouts == ()
+
+
 def test_rates_are_those_of_every_stream():
     finding = judge(heard(PACKETS))
     assert finding.rates_hz == {"": pytest.approx(100.0)}
