@@ -14,7 +14,8 @@ about x, so right hands stay right hands.
 
 Time is ``time_usec`` (of its eight bytes the lower four, which come round after 71 minutes) or
 ``time_boot_ms``. The sequence number of a frame counts all messages of its sender, whatever they
-say, so it is no counter of a stream.
+say; what it tells of a stream's losses is in the field "seq", see
+:mod:`firmware_protocols.mavlink_counting`.
 
 HIGHRES_IMU is a measurement in floating point. The others are whole numbers of 1 mg, 1 mrad/s and
 1 mgauss that stop at +-32.767 of the full unit. The firmwares known do not round but cut off, so a
@@ -44,12 +45,14 @@ import numpy.typing as npt
 
 from firmware_protocols.fields import Field, LayoutError, quote
 from firmware_protocols.layout import toml_lines
+from firmware_protocols.mavlink_counting import StreamCounter
 from firmware_protocols.mavlink_frames import (
     MAVLINK_FORMAT,
     Contents,
     MavlinkFrameDecoder,
     no_contents,
     read_contents,
+    read_senders,
 )
 from firmware_protocols.mavlink_messages import MESSAGES, SCALED_PRESSURE, Message
 from firmware_protocols.protocol import DeviceProtocol, Packets
@@ -187,9 +190,11 @@ class MavlinkProtocol(DeviceProtocol):
                 name=name,
                 title=title,
                 byte_order="little",
+                counter="seq",
                 clock="time",
                 rate_hz=self.rate_hz,
                 fields=(
+                    Field("seq", "u16"),
                     Field("time", "u32", unit="us"),
                     Field("accel", "f32", 3, unit="m/s2", axes=BODY_AXES),
                     Field("gyro", "f32", 3, unit="rad/s", axes=BODY_AXES),
@@ -204,10 +209,12 @@ class MavlinkProtocol(DeviceProtocol):
             name=name,
             title=title,
             byte_order="little",
+            counter="seq",
             clock="time",
             clock_tick_s=1e-3 if boot_ms else 1e-6,
             rate_hz=self.rate_hz,
             fields=(
+                Field("seq", "u16"),
                 Field("time", "u32", unit="ms" if boot_ms else "us"),
                 Field("accel", "f32", 3, unit="mg", axes=BODY_AXES),
                 Field("gyro", "f32", 3, unit="mrad/s", axes=BODY_AXES),
@@ -251,6 +258,8 @@ class MavlinkDecoder(MavlinkFrameDecoder):
         self.sender: Sender | None = None
         self.others: Counter[Sender] = Counter()
         self.version: int | None = None
+        layout = protocol.streams["imu"]
+        self._counter = StreamCounter(layout.clock_tick_s, 1.0 / protocol.rate_hz)
 
     def _read(self, frames: FramedBytes) -> dict[str, Packets]:
         self._note_gaps(frames)
@@ -260,8 +269,10 @@ class MavlinkDecoder(MavlinkFrameDecoder):
         pressure = found.get(SCALED_PRESSURE.name, no_contents(SCALED_PRESSURE))
         pressure = pressure.taken(self._is_own(pressure) & (pressure.index > since))
         end = frames.end
+        rows = _imu_rows(streams["imu"], imu.payload)
+        rows["seq"] = self._count(frames, imu, rows["time"], since) & 0xFFFF
         return {
-            "imu": Packets(_imu_rows(streams["imu"], imu.payload), end[imu.index]),
+            "imu": Packets(rows, end[imu.index]),
             "pressure": Packets(
                 _pressure_rows(streams["pressure"], pressure.payload), end[pressure.index]
             ),
@@ -296,6 +307,20 @@ class MavlinkDecoder(MavlinkFrameDecoder):
         if len(mine):
             self.version = int(mine.version[-1])
         return mine, since
+
+    def _count(
+        self, frames: FramedBytes, imu: Contents, time: npt.NDArray[np.uint32], since: int
+    ) -> npt.NDArray[np.int64]:
+        """Return numbers of the sender's inertial messages, counted from the first."""
+        if self.sender is None:
+            return imu.index
+        system, component, sequence = read_senders(frames)
+        own = (system == self.sender.system) & (component == self.sender.component)
+        own[: max(since, 0)] = False
+        places = np.flatnonzero(own)
+        return self._counter.feed(
+            sequence[places], np.searchsorted(places, imu.index), time.astype(np.int64)
+        )
 
     def _is_own(self, found: Contents) -> Flags:
         if self.sender is None:

@@ -216,6 +216,17 @@ class Contents:
         )
 
 
+def read_senders(frames: FramedBytes) -> tuple[Positions, Positions, Positions]:
+    """Return system, component and sequence number of every frame."""
+    data, at = frames.data, frames.starts
+    sequence = at + np.where(data[at] == VERSION_1, 2, 4)
+    return (
+        data[sequence + 1].astype(np.int64),
+        data[sequence + 2].astype(np.int64),
+        data[sequence].astype(np.int64),
+    )
+
+
 def no_contents(message: Message) -> Contents:
     """Return the content of no frame."""
     none = np.empty(0, dtype=np.int64)
