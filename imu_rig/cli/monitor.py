@@ -148,7 +148,7 @@ def _watch(
                 Ring(size, shown.columns) for shown, size in zip(monitor.plans, sizes, strict=True)
             ]
         if rings:
-            monitor.fill(rings)
+            monitor.fill(rings, smoothly=plot)
         with view:
             last = monitor.run()
         if save is not None:

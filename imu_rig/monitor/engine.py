@@ -30,7 +30,8 @@ from imu_rig.stopping import StopRequest
 # Constants of time.
 TURN_S = 0.05
 OBSERVE_S = 0.2  # between statuses
-LOOK_S = 0.05  # between looks at what came, so that a plot moves smoothly
+LOOK_S = 0.2  # between looks at what came
+SMOOTH_LOOK_S = 0.05  # the same for a window, whose lines are to move smoothly
 END_S = 2.0  # for all ports to close
 
 NAMELESS = 0  # source number of everything, as nothing is recorded
@@ -104,6 +105,7 @@ class Monitor:
         self.rates_hz = tuple(layout.rate_hz for layout in self._layouts.values())
         self._quantities = {plan.name: plan.quantities for plan in self.plans}
         self._rings: dict[str, Ring] = {}
+        self._look_s = LOOK_S
         self._readings: dict[str, tuple[Reading, ...]] = {}
         self._lock = threading.Lock()
         self._keepers: list[DeviceKeeper] = []
@@ -113,8 +115,12 @@ class Monitor:
         """Return how many samples of each stream so many seconds are."""
         return [ring_size(rate, seconds) for rate in self.rates_hz]
 
-    def fill(self, rings: list[Ring]) -> None:
-        """Put samples into these rings from now on, one for each of ``plans``; before `run`."""
+    def fill(self, rings: list[Ring], *, smoothly: bool = False) -> None:
+        """Put samples into these rings, one for each of ``plans``; before `run`.
+
+        ``smoothly`` looks more often at what came, for somebody who watches.
+        """
+        self._look_s = SMOOTH_LOOK_S if smoothly else LOOK_S
         self._rings = {plan.name: ring for plan, ring in zip(self.plans, rings, strict=True)}
 
     def run(self) -> MonitorStatus:
@@ -158,7 +164,7 @@ class Monitor:
             self._clock,
             self._notify,
             take=take,
-            look_s=LOOK_S,
+            look_s=self._look_s,
         )
 
     def _take(self, name: str, block: PacketBlock) -> None:
