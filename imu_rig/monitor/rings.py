@@ -1,7 +1,8 @@
 """Rings of the last samples in memory that two processes share: written always, read at leisure.
 
-The writer never waits: it overwrites the oldest samples and then states how many it has written.
-A reader that is slow sees fewer moments in time and always the newest ones.
+The writer never waits: it states how many samples there will be, overwrites the oldest and states
+that it has. What it may have touched while a reader copied, the reader drops. One that is slow sees
+fewer moments in time and always the newest samples.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ class Ring:
         Samples kept; numbers in each besides its time.
     numbers : buffer of ``size * (columns + 1)`` float64, optional
         Shared memory; otherwise memory of this process.
-    written : buffer of one int64, optional
-        How many samples were ever written, likewise.
+    written : buffer of two int64, optional
+        How many samples were ever written, and how many will have been after what is being written
+        now, likewise.
     """
 
     size: int
@@ -49,7 +51,7 @@ class Ring:
         if self.numbers is None:
             self.numbers = np.zeros(self.size * (self.columns + 1))
         if self.written is None:
-            self.written = np.zeros(1, np.int64)
+            self.written = np.zeros(2, np.int64)
         self._table = np.frombuffer(self.numbers).reshape(self.size, self.columns + 1)
         self._written = np.frombuffer(self.written, np.int64)
 
@@ -58,6 +60,7 @@ class Ring:
         rows = np.column_stack((t, *numbers))[-self.size :]
         count = int(self._written[0])
         places = (count + np.arange(len(rows))) % self.size
+        self._written[1] = count + len(rows)
         self._table[places] = rows
         self._written[0] = count + len(rows)
 
@@ -66,6 +69,6 @@ class Ring:
         before = int(self._written[0])
         first = max(0, before - self.size)
         rows = self._table[np.arange(first, before) % self.size]
-        overtaken = int(self._written[0]) - self.size - first  # meanwhile
+        overtaken = int(self._written[1]) - self.size - first  # meanwhile
         kept: FloatArray = rows[max(0, overtaken) :]
         return kept

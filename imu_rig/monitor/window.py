@@ -57,7 +57,7 @@ class PlotWindow:
                 size,
                 plan.columns,
                 self._context.RawArray("d", size * (plan.columns + 1)),
-                self._context.RawArray("q", 1),
+                self._context.RawArray("q", 2),
             )
             for plan, size in zip(plans, sizes, strict=True)
         ]

@@ -29,7 +29,7 @@ def test_the_newest_samples_come_back_in_order(size, lengths, reads):
 
 def test_a_reader_never_sees_half_a_sample_of_a_writer_that_does_not_wait():
     context = multiprocessing.get_context("spawn")
-    ring = Ring(64, 1, context.RawArray("d", 128), context.RawArray("q", 1))
+    ring = Ring(64, 1, context.RawArray("d", 128), context.RawArray("q", 2))
     other = Ring(64, 1, ring.numbers, ring.written)  # as another process has it
     done = threading.Event()
 
