@@ -230,9 +230,10 @@ def survey(
     """
     known = builtin_protocols() if protocols is None else protocols
     ports = seen_ports()
-    listed = {port.url for port in ports}
-    for url in dict.fromkeys(urls):
-        if url not in listed:
+    listed = {_device_file(port.url) for port in ports}
+    for url in urls:
+        if _device_file(url) not in listed:  # one port opened twice would be busy
+            listed.add(_device_file(url))
             ports.append(SeenPort(url, "", None, None, None))
     names = stable_names()
     stop = threading.Event()
@@ -255,6 +256,11 @@ def survey(
                 stop.set()
                 raise
     return [_described(port, finding, names) for port, finding in zip(ports, found, strict=True)]
+
+
+def _device_file(url: str) -> str:
+    """Return the file that a path leads to; other addresses as they are."""
+    return os.path.realpath(url) if url.startswith("/") and "\0" not in url else url
 
 
 def _described(port: SeenPort, finding: Finding, names: Mapping[str, str]) -> Surveyed:

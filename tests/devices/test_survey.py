@@ -250,6 +250,15 @@ def test_all_ports_are_looked_at_at_once(monkeypatch):
     assert not found[0].may_open
 
 
+def test_a_port_under_two_names_is_opened_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(survey, "seen_ports", list)
+    with terminal() as (_, name):
+        link = tmp_path / "by-id"
+        link.symlink_to(name)
+        found = survey.survey([name, str(link), name], seconds=0.1)
+    assert [(one.port.url, one.finding.state) for one in found] == [(name, "silent")]
+
+
 def test_a_list_opens_nothing(monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("a port was opened")

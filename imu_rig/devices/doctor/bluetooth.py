@@ -24,7 +24,9 @@ def check_bluetooth(system: System) -> list[Check]:
         return [Check("Bluetooth", "ok", f"{'; '.join(told)}. Opening the port connects.")]
     adapters = [path.name for path in system.files("sys/class/bluetooth", "hci*")]
     if not adapters:
-        return [Check("Bluetooth", "ok", "this machine has no Bluetooth adapter; cables do.")]
+        return [
+            Check("Bluetooth", "ok", "this machine has no Bluetooth adapter; cables need none.")
+        ]
     if system.which("rfcomm") is None:
         return [
             Check(

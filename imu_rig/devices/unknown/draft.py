@@ -101,8 +101,8 @@ def _usual_order(found: UnknownPackets) -> str:
 
 
 def _clock_words(clock: Going) -> str:
-    same = "always" if clock.exact else "about"
-    return f"goes up by {same} {clock.step:.6g} from packet to packet"
+    exactly = f"always goes up by {clock.step:.6g}" if clock.exact else ""
+    return f"{exactly or f'goes up by about {clock.step:.6g}'} from packet to packet"
 
 
 def _tick_line(found: UnknownPackets, clock: Going) -> str:
