@@ -219,8 +219,10 @@ def _circumstances(certificate: Certificate, block: ImuBlock, turns: bool) -> li
         notes.append("The certificate holds no gyroscope; only the accelerometer was checked.")
     elif not turns:
         notes.append("The recording's gyroscope shows nothing; it was not checked.")
-    if certificate.temperature_c is not None and block.temperature is not None:
-        then, now = np.mean(certificate.temperature_c), float(np.mean(block.temperature))
+    # a sensor may send its temperature with some of its samples only
+    sent = None if block.temperature is None else block.temperature[np.isfinite(block.temperature)]
+    if certificate.temperature_c is not None and sent is not None and len(sent):
+        then, now = np.mean(certificate.temperature_c), float(np.mean(sent))
         if abs(now - then) > OTHER_TEMPERATURE_C:
             notes.append(
                 f"The sensor was at {then:.0f} degC when it was calibrated and is at {now:.0f} "

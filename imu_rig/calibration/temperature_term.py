@@ -66,12 +66,22 @@ class TemperatureTerm:
 def warmth(temperature: FloatArray, reference_c: float, low_c: float, high_c: float) -> FloatArray:
     """Degrees (n, 1) from the reference, for a line that was measured from ``low_c`` to ``high_c``.
 
-    The line is followed as far beyond its ends as it is long, no further; where a temperature is
-    not a number nothing is corrected.
+    The line is followed as far beyond its ends as it is long, no further. Sensors that send their
+    temperature less often than their samples have not a number between: the last that was sent
+    holds until the next, the first also before it. Where none was sent nothing is corrected.
     """
     span = high_c - low_c
-    known = np.where(np.isfinite(temperature), temperature, reference_c)
+    known = _held(temperature, reference_c)
     return np.asarray(np.clip(known, low_c - span, high_c + span) - reference_c)[:, None]
+
+
+def _held(values: FloatArray, otherwise: float) -> FloatArray:
+    """Return each value or the last finite one before it, the first of them before all."""
+    finite = np.isfinite(values)
+    if not np.any(finite):
+        return np.full(len(values), otherwise)
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
+    return np.asarray(values[np.where(last < 0, int(np.argmax(finite)), last)])
 
 
 def at_reference(

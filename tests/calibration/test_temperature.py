@@ -120,8 +120,15 @@ def test_the_calibration_holds_at_the_reference_and_elsewhere(tmp_path) -> None:
 
 
 def test_the_line_is_followed_no_further_than_its_length() -> None:
-    dT = warmth(np.array([-300.0, 10.0, 20.0, np.nan, 900.0]), 20.0, 10.0, 30.0)
-    np.testing.assert_allclose(dT[:, 0], [-30.0, -10.0, 0.0, 0.0, 30.0])
+    dT = warmth(np.array([-300.0, 10.0, 20.0, 25.0, 900.0]), 20.0, 10.0, 30.0)
+    np.testing.assert_allclose(dT[:, 0], [-30.0, -10.0, 0.0, 5.0, 30.0])
+
+
+def test_a_temperature_that_is_sent_seldom_holds_until_the_next() -> None:
+    nan = np.nan
+    dT = warmth(np.array([nan, nan, 25.0, nan, nan, 26.0, nan]), 20.0, 10.0, 30.0)
+    np.testing.assert_allclose(dT[:, 0], [5.0, 5.0, 5.0, 5.0, 5.0, 6.0, 6.0])
+    np.testing.assert_array_equal(warmth(np.full(3, nan), 20.0, 10.0, 30.0), np.zeros((3, 1)))
 
 
 def test_at_the_reference_nothing_changes() -> None:
