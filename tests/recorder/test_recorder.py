@@ -498,11 +498,11 @@ def test_a_device_that_floods_its_port_with_garbage_costs_the_others_nothing(tmp
             tracemalloc.start()
             began, kept = running.statuses[-1].file_bytes, tracemalloc.get_traced_memory()[0]
             wait_until(lambda: running.statuses[-1].file_bytes > began + GARBAGE_BYTES)
-            kept = tracemalloc.get_traced_memory()[0] - kept
+            # what waits to be written and decoded comes and goes; what came would only grow
+            wait_until(lambda: tracemalloc.get_traced_memory()[0] - kept < GARBAGE_BYTES)
             tracemalloc.stop()
             assert running.device("left").state == "live"
         assert_nothing_lost(served, path, "left")
-    assert kept < GARBAGE_BYTES  # what waits to be written and decoded, not what came
     assert running.outcome.unwritten_records == 0
     trial = open_trial(path)
     assert len(trial.wire("noisy").data) > GARBAGE_BYTES
