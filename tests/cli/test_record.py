@@ -391,6 +391,18 @@ def test_the_summary_fits_a_terminal_and_says_who_was_missing():
     assert lines[4].endswith(" ± 0.40 ms")
 
 
+def test_streams_are_told_one_by_one_and_what_a_device_reported_too():
+    foot = replace(GOOD, name="receiver/foot", lost=0)
+    waist = replace(GOOD, name="receiver/waist", lost=60, fault_counts=(("supply \x1b[31mlow", 3),))
+    whole = replace(GOOD, name="receiver", lost=60, streams=(foot, waist))
+    outcome = replace(OUTCOME, devices=(whole,))
+    lines = summary_lines(outcome)
+    assert [line.split()[0] for line in lines[4:6]] == ["receiver/foot", "receiver/waist"]
+    assert any("receiver/waist reported: supply" in line for line in lines)
+    assert "\x1b" not in "".join(lines)
+    assert [s.split(" lost")[0] for s in shortfalls(outcome, 0.05)] == ["receiver/waist"]
+
+
 def test_the_example_of_a_setup_file_is_one(inside, tmp_path):
     example = Path(__file__).parents[2] / "jig_scripts" / "trials" / "two-shoes.toml"
     setup = load_setup(example)

@@ -97,6 +97,22 @@ def test_what_is_wrong_is_said_with_whose_it_is():
     assert "気圧計: There is no port /dev/c." in text
 
 
+def test_a_stream_has_a_row_and_its_faults_and_stuck_sensor_a_sentence():
+    foot = replace(LEFT, name="receiver/foot", faults=("supply low",), stuck=True)
+    waist = replace(LEFT, name="receiver/waist", state="silent")
+    whole = replace(LEFT, name="receiver", state="silent", streams=(foot, waist))
+    status = replace(STATUS, devices=(whole,))
+    text = " ".join(" ".join(plain(drawn(status, 120))).split())
+    assert "RECORDING without receiver/waist" in text
+    assert "receiver/foot live" in text
+    assert "receiver/waist silent" in text
+    assert "receiver/foot reports: supply low." in text
+    assert "its sensor is stuck" in text
+    assert "receiver/foot: supply low" in plain_line(status)
+    told = json.loads(json_line("status", status_json(status)))["status"]["devices"][0]
+    assert [s["name"] for s in told["streams"]] == ["receiver/foot", "receiver/waist"]
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
