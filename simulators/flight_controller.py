@@ -58,25 +58,31 @@ PARAMETERS: Mapping[str, Mapping[str, int | float]] = {
     "px4": {
         "CAL_ACC0_ID": 1310988,
         "CAL_ACC0_PRIO": 50,
-        "CAL_ACC0_XOFF": 0.12,
-        "CAL_ACC0_XSCALE": 1.003,
+        **{f"CAL_ACC0_{axis}OFF": 0.0 for axis in "XYZ"},
+        **{f"CAL_ACC0_{axis}SCALE": 1.0 for axis in "XYZ"},
         "CAL_GYRO0_ID": 1310988,
-        "CAL_GYRO0_XOFF": 0.004,
+        **{f"CAL_GYRO0_{axis}OFF": 0.0 for axis in "XYZ"},
         "CAL_MAG0_ID": 396809,
         "CAL_MAG0_ROT": -1,
+        **{f"CAL_MAG0_{axis}OFF": 0.0 for axis in "XYZ"},
+        **{f"CAL_MAG0_{axis}SCALE": 1.0 for axis in "XYZ"},
         "SENS_BOARD_ROT": 0,
     },
     "ardupilot": {
         "INS_ACC_ID": 2753028,
-        "INS_ACCOFFS_X": 0.12,
-        "INS_ACCSCAL_X": 1.003,
-        "INS_GYROFFS_X": 0.004,
+        **{f"INS_ACCOFFS_{axis}": 0.001 for axis in "XYZ"},
+        **{f"INS_ACCSCAL_{axis}": 1.0 for axis in "XYZ"},
+        **{f"INS_GYROFFS_{axis}": 0.004 for axis in "XYZ"},
         "COMPASS_DEV_ID": 97539,
-        "COMPASS_OFS_X": -35.0,
+        **{f"COMPASS_OFS_{axis}": 0.0 for axis in "XYZ"},
         "AHRS_ORIENTATION": 0,
     },
 }
-"""Some of those that each firmware has; whole numbers here are whole numbers there."""
+"""Some of those that each firmware has; whole numbers here are whole numbers there.
+
+Both correct next to nothing: what reaches the host is what the simulated sensor reads. ArduPilot
+takes offsets of exactly 0 for no calibration and measures those of the gyroscope at each start.
+"""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imu_rig.cli.autopilot import autopilot
 from imu_rig.cli.options import Json, Quiet
 from imu_rig.cli.terminal import fitted
 from imu_rig.errors import DeviceError, InputError, PortError
@@ -38,6 +39,7 @@ BOARDS_RESET = (
 )
 
 app = typer.Typer(help="List the ports with what speaks on them.", invoke_without_command=True)
+app.command()(autopilot)
 
 Seconds = Annotated[float, typer.Option("--seconds", "-s", help="How long to listen.")]
 Baud = Annotated[

@@ -32,8 +32,8 @@ _WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 _SMALLEST_NORMAL = 2.0**-126
 _WORDS = {
-    "bytewise": "the bytes of the whole number, as PX4 sends it",
-    "cast": "the whole number as a float, as ArduPilot sends it",
+    "bytewise": "by its bytes (PX4's way)",
+    "cast": "as a float (ArduPilot's way)",
 }
 
 
@@ -82,8 +82,8 @@ class Parameter:
         read = {"cast": f"{as_float:.3g}", "bytewise": str(self.value("bytewise"))}
         other = "bytewise" if encoding == "cast" else "cast"
         return (
-            f"{one_line(self.name)} reads {read[encoding]} as {_WORDS[encoding]}, and "
-            f"{read[other]} as {_WORDS[other]}: it must be the latter."
+            f"{one_line(self.name)} reads {read[encoding]} {_WORDS[encoding]} and "
+            f"{read[other]} {_WORDS[other]}: it must be the latter."
         )
 
 

@@ -8,11 +8,16 @@ the parameters that are not neutral.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from firmware_protocols.mavlink_frames import Contents
-from firmware_protocols.mavlink_messages import AUTOPILOT_VERSION, HEARTBEAT, PARAM_VALUE
+from firmware_protocols.mavlink_messages import (
+    AUTOPILOT_VERSION,
+    HEARTBEAT,
+    PARAM_VALUE,
+    Message,
+)
 from imu_rig.devices.conversation import Hear, Write
 from imu_rig.devices.mavlink import AUTOPILOTS, Ear, is_autopilot
 from imu_rig.devices.mavlink_parameters import Encoding, Parameter, encoding_of
@@ -21,9 +26,9 @@ from imu_rig.errors import DeviceError, DeviceLost
 
 # Constants of time.
 MEET_S = 5.0  # for a heartbeat; they come each second, and PX4 waits for ours on USB
-ANSWER_S = 0.6  # for an answer, after which the question is asked again
+ANSWER_S = 1.0  # for answers, after which what is not answered is asked again
 HEAR_S = 0.05
-TRIES = 4
+TRIES = 3
 
 AXES = ("X", "Y", "Z")
 OWN_CALIBRATION: Mapping[str, Mapping[str, float]] = {
@@ -111,12 +116,13 @@ def read_parameters(write: Write, hear: Hear, names: Iterable[str] | None = None
             raise DeviceError(f"{autopilot} is not known here: name the parameters to read.")
         names = OWN_CALIBRATION[autopilot]
     capabilities = questions.capabilities()
-    values = {name: questions.parameter(name) for name in names}
+    names = tuple(dict.fromkeys(names))
+    values = questions.parameters(names)
     return Parameters(
         autopilot,
         encoding_of(number, capabilities),
-        {name: value for name, value in values.items() if value is not None},
-        tuple(name for name, value in values.items() if value is None),
+        {name: values[name] for name in names if name in values},
+        tuple(name for name in names if name not in values),
     )
 
 
@@ -153,31 +159,35 @@ class _Questions:
 
     def capabilities(self) -> int | None:
         """Return the bits of its capabilities; None if it does not tell them."""
-        answer = self._ask(
-            self._voice.once(self._target, AUTOPILOT_VERSION), AUTOPILOT_VERSION.name
-        )
-        return None if answer is None else int(answer.payload["capabilities"][-1])
-
-    def parameter(self, name: str) -> Parameter | None:
-        """Return a parameter; None if it has none of that name."""
-        answer = self._ask(self._voice.parameter(self._target, name), PARAM_VALUE.name, name)
-        if answer is None:
-            return None
-        row = answer.payload[-1]
-        return Parameter(name, row.tobytes()[:4], int(row["param_type"]))  # bytes, not a float
-
-    def _ask(self, question: bytes, answer: str, name: str | None = None) -> Contents | None:
         for _ in range(TRIES):
-            self._write(question)
-            end_s = time.monotonic() + ANSWER_S
-            while time.monotonic() < end_s:
-                for contents in self._ear.hear(self._hear(HEAR_S)):
-                    found = contents.get(answer)
-                    if found is None:
-                        continue
-                    own = (found.system == self._target[0]) & (found.component == self._target[1])
-                    if name is not None:
-                        own &= found.payload["param_id"] == name.encode("ascii")
-                    if own.any():
-                        return found.taken(own)
+            self._write(self._voice.once(self._target, AUTOPILOT_VERSION))
+            for found in self._answers(AUTOPILOT_VERSION):
+                return int(found.payload["capabilities"][-1])
         return None
+
+    def parameters(self, names: tuple[str, ...]) -> dict[str, Parameter]:
+        """Return those that it has."""
+        values: dict[str, Parameter] = {}
+        for _ in range(TRIES):
+            asked = [name for name in names if name not in values]
+            self._write(b"".join(self._voice.parameter(self._target, name) for name in asked))
+            for found in self._answers(PARAM_VALUE):
+                for row in found.payload:
+                    name = bytes(row["param_id"]).decode("ascii", "replace")
+                    if name in asked:  # its bytes, since a float of Python may change them
+                        values[name] = Parameter(name, row.tobytes()[:4], int(row["param_type"]))
+                if len(values) == len(names):
+                    return values
+        return values
+
+    def _answers(self, message: Message) -> Iterator[Contents]:
+        """Yield what the flight controller says in a message, for a while."""
+        end_s = time.monotonic() + ANSWER_S
+        while time.monotonic() < end_s:
+            for contents in self._ear.hear(self._hear(HEAR_S)):
+                found = contents.get(message.name)
+                if found is None:
+                    continue
+                own = (found.system == self._target[0]) & (found.component == self._target[1])
+                if own.any():
+                    yield found.taken(own)

@@ -29,8 +29,8 @@ def test_the_number_of_a_sensor_read_the_wrong_way():
     assert struct.unpack("<i", wire)[0] == 1310988
     sentence = Parameter("CAL_ACC0_ID", wire, INT32).contradiction("cast")
     assert sentence == (
-        "CAL_ACC0_ID reads 1.84e-39 as the whole number as a float, as ArduPilot sends it, and "
-        "1310988 as the bytes of the whole number, as PX4 sends it: it must be the latter."
+        "CAL_ACC0_ID reads 1.84e-39 as a float (ArduPilot's way) and 1310988 by its bytes (PX4's "
+        "way): it must be the latter."
     )
     assert Parameter("CAL_ACC0_ID", wire, INT32).contradiction("bytewise") is None
 
@@ -48,7 +48,7 @@ def test_a_cast_number_is_recognized_where_bytes_are_expected():
     wire = encode(1310988, INT32, "cast")
     assert struct.unpack("<f", wire)[0] == 1310988.0
     sentence = Parameter("COMPASS_DEV_ID", wire, INT32).contradiction("bytewise")
-    assert "as ArduPilot sends it: it must be the latter" in sentence
+    assert "1310988 as a float (ArduPilot's way): it must be the latter" in sentence
     assert Parameter("COMPASS_DEV_ID", wire, INT32).contradiction("cast") is None
 
 

@@ -213,6 +213,7 @@ def test_garbage_and_silence_are_nobody_to_speak_to(table):
 
 def test_parameters_are_read_in_the_encoding_of_their_autopilot(table):
     line = table(PX4)
+    line.controllers[0].parameters["CAL_ACC0_XOFF"] = 0.12
     names = ["CAL_ACC0_ID", "CAL_MAG0_ROT", "CAL_ACC0_XOFF", "NONE"]
     found = read_parameters(line.write, line.hear, names)
     assert (found.autopilot, found.encoding, found.missing) == ("PX4", "bytewise", ("NONE",))
@@ -239,8 +240,14 @@ def test_parameters_in_the_other_encoding_are_recognized(table, monkeypatch):
 
 def test_what_the_flight_controller_corrects_itself_is_named(table):
     line = table(PX4)
+    assert read_parameters(line.write, line.hear).own_calibration == {}
+    line.controllers[0].parameters |= {"CAL_ACC0_XOFF": 0.12, "CAL_MAG0_ZSCALE": 0.98}
     found = read_parameters(line.write, line.hear)
-    assert set(found.own_calibration) == {"CAL_ACC0_XOFF", "CAL_ACC0_XSCALE", "CAL_GYRO0_XOFF"}
+    assert found.own_calibration == {
+        "CAL_ACC0_XOFF": pytest.approx(0.12),
+        "CAL_MAG0_ZSCALE": pytest.approx(0.98),
+    }
+    assert found.missing == ()
 
 
 def test_no_flight_controller_is_a_sentence(table):
