@@ -79,7 +79,9 @@ class Parameter:
             wrong = 1.0 <= abs(as_float) < 2.0**31 and as_float == math.floor(as_float)
         if not wrong:
             return None
-        read = {"cast": f"{as_float:.3g}", "bytewise": str(self.value("bytewise"))}
+        whole = math.isfinite(as_float) and as_float == math.floor(as_float)
+        as_text = f"{as_float:.0f}" if whole else f"{as_float:.3g}"
+        read = {"cast": as_text, "bytewise": str(self.value("bytewise"))}
         other = "bytewise" if encoding == "cast" else "cast"
         return (
             f"{one_line(self.name)} reads {read[encoding]} {_WORDS[encoding]} and "
