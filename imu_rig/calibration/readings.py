@@ -14,6 +14,9 @@ LARGEST = 1e7
 """No sensor reads more, in SI units; squares of much larger numbers overflow."""
 DEAD_S = 1.0
 """Noise never repeats a reading for so long."""
+COARSE, COARSE_DEAD_S = 0.3, 20.0
+"""An axis that repeats this share of its readings even while it is alive has less noise than
+counts, and shows nothing while it rests or while another axis turns: for less than so long."""
 ALIVE = 0.5
 """Share of samples that repeat the one before, below which a recording is not merely coarse."""
 
@@ -64,7 +67,7 @@ def refuse_dead_axes(block: ImuBlock) -> None:
     """Refuse an axis that stands still while others are alive, or copies another one.
 
     A sensor that is absent, all its readings the same, is none; one that hangs as a whole for a
-    while is dealt with elsewhere.
+    while is dealt with elsewhere, and one with less noise than a count stands still at rest.
 
     Raises
     ------
@@ -88,7 +91,9 @@ def refuse_dead_axes(block: ImuBlock) -> None:
             held, reach = float(values[start, axis]), values[:, axis]
             # At its range limit it is saturated, which is another matter.
             limited = held != 0.0 and held in (reach.min(), reach.max())
-            if end - begin > DEAD_S and not limited:
+            elsewhere = np.delete(repeats[:, first + axis], np.arange(start, stop))
+            coarse = len(elsewhere) > 0 and float(np.mean(elsewhere)) > COARSE
+            if end - begin > (COARSE_DEAD_S if coarse else DEAD_S) and not limited:
                 raise DataError(
                     f"axis {'xyz'[axis]} of the {name} repeats one value from {begin:.1f} to "
                     f"{end:.1f} s while others vary: that axis is dead or its connection broke; "

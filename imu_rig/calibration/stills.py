@@ -13,6 +13,7 @@ import numpy as np
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.mean_noise import mean_covariances, mean_variances, slow_terms
+from imu_rig.calibration.resolution import counts_of, lost_variance
 from imu_rig.errors import DataError, InputError
 from imu_rig.units import DEG, MILLI_G, STANDARD_GRAVITY
 
@@ -250,6 +251,7 @@ def _summary(block: ImuBlock, start: IntArray, stop: IntArray) -> Stills:
     gyro = [slow_terms(block.gyro[i:j], rate) for i, j in rows]
     means = np.array([block.accel[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3)
     least = LEAST_ACCEL_NOISE**2 / count, LEAST_GYRO_NOISE**2 / count
+    hidden = [_hidden(getattr(block, sensor), sensor, rows) for sensor in ("accel", "gyro")]
     return Stills(
         start=start,
         stop=stop,
@@ -257,11 +259,26 @@ def _summary(block: ImuBlock, start: IntArray, stop: IntArray) -> Stills:
         t1=block.t[stop - 1],
         accel_mean=means,
         gyro_mean=np.array([block.gyro[i:j].mean(axis=0) for i, j in rows]).reshape(-1, 3),
-        accel_cov=mean_covariances(accel, count, means) + least[0][:, None, None] * np.eye(3),
-        gyro_sem=np.sqrt(mean_variances(gyro, count) + least[1][:, None]),
+        accel_cov=mean_covariances(accel, count, means)
+        + (least[0][:, None] + hidden[0])[:, :, None] * np.eye(3),
+        gyro_sem=np.sqrt(mean_variances(gyro, count) + least[1][:, None] + hidden[1]),
         count=count,
         drift=_drift(accel),
     )
+
+
+def _hidden(values: FloatArray, sensor: str, rows: list[tuple[int, int]]) -> FloatArray:
+    """Variance (m, 3) that the counts of a sensor hide of its means.
+
+    A gyroscope reads the same in all stills, and errs in all of them alike: to stay so large in
+    what is found from all, the variance of each is so many times as large.
+    """
+    if not rows:
+        return np.zeros((0, 3))
+    variance = np.array([values[i:j].var(axis=0) for i, j in rows])
+    means = np.array([values[i:j].mean(axis=0) for i, j in rows])
+    hidden = lost_variance(variance, means, counts_of(values, sensor))
+    return hidden * len(rows) if sensor == "gyro" else hidden
 
 
 def _drift(terms: list[FloatArray]) -> FloatArray:
