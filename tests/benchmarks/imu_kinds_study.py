@@ -1,7 +1,8 @@
 """How well each kind of IMU is calibrated on the jig, and what its counts cost.
 
 Whole sessions with known truth, each kind with its own noise, errors and counts; beside them the
-same sensors with readings that are not rounded::
+same sensors with readings that are not rounded, and with so little noise that counts are all that
+is seen of gravity::
 
     python tests/benchmarks/imu_kinds_study.py --sessions 10
     python tests/benchmarks/imu_kinds_study.py --kinds adis16405,mavlink-scaled --json kinds.json
@@ -28,20 +29,33 @@ from simulators.inertial_sensor import SensorRange
 
 SHOWN = ("accel scale", "accel non-orth", "accel bias", "gyro scale", "gyro cross", "gyro bias")
 
-Task = tuple[str, int, str, bool]
+ROUNDED, UNROUNDED, HUSHED = "", "not rounded", "a twentieth of the noise"
+HUSH = 0.05
+
+Task = tuple[str, int, str, str]
 
 
 def job(task: Task) -> tuple[Task, Score]:
-    """Solve one session of a kind, its readings rounded as the device rounds them or not at all."""
-    kind, seed, protocol, rounded = task
-    config = changed(designed(seed, imu=kind), quantized=rounded)
+    """Solve one session of a kind in one of its variants."""
+    kind, seed, protocol, variant = task
+    config = designed(seed, imu=kind)
+    if variant == UNROUNDED:
+        config = changed(config, quantized=False)
+    if variant == HUSHED:
+        sensor = config.sensor
+        config = changed(
+            config,
+            accel_noise_ug=HUSH * sensor.accel_noise_ug,
+            gyro_noise_dps=HUSH * sensor.gyro_noise_dps,
+        )
     return task, score(session_of(config, protocol), "joint")
 
 
-def counted(kind: str) -> bool:
-    """Whether a kind's readings are whole counts at all."""
+def variants(kind: str) -> tuple[str, ...]:
+    """Return what there is to try of a kind: readings without counts cannot be unrounded."""
     ranges = IMU_KINDS[kind].ranges
-    return any(part is not None and part.count > 0 for part in (ranges.accel, ranges.gyro))
+    counted = any(part is not None and part.count > 0 for part in (ranges.accel, ranges.gyro))
+    return (ROUNDED, UNROUNDED, HUSHED) if counted else (ROUNDED,)
 
 
 def figures(scores: list[Score], group: str) -> tuple[float, float] | None:
@@ -76,29 +90,27 @@ def _count(part: SensorRange | None, unit: float) -> str:
 def study(kinds: list[str], seeds: range, protocol: str, processes: int) -> dict[str, Any]:
     """Run the sessions, print the tables, and return every figure."""
     tasks: list[Task] = [
-        (kind, seed, protocol, rounded)
+        (kind, seed, protocol, variant)
         for kind in kinds
-        for rounded in ((True, False) if counted(kind) else (False,))
+        for variant in variants(kind)
         for seed in seeds
     ]
     results = run(job, tasks, processes)
-    of: dict[tuple[str, bool], list[Score]] = {}
-    for (kind, _, _, rounded), scored in results:
-        of.setdefault((kind, rounded), []).append(scored)
-    rows = []
-    for (kind, rounded), scores in of.items():
-        name = kind if rounded or not counted(kind) else f"{kind}, not rounded"
-        rows.append(
-            [
-                name,
-                *(_cell(figures(scores, group)) for group in SHOWN),
-                str(sum(bool(s.refused) for s in scores)),
-            ]
-        )
+    of: dict[tuple[str, str], list[Score]] = {}
+    for (kind, _, _, variant), scored in results:
+        of.setdefault((kind, variant), []).append(scored)
+    names = {key: ", ".join(filter(None, key)) for key in of}
     table(
         f"{len(seeds)} sessions each: rms error (rms stated standard uncertainty)",
         ["", *(f"{group} [{GROUPS[group]}]" for group in SHOWN), "refused"],
-        rows,
+        [
+            [
+                names[key],
+                *(_cell(figures(scores, group)) for group in SHOWN),
+                str(sum(bool(s.refused) for s in scores)),
+            ]
+            for key, scores in of.items()
+        ],
     )
     table(
         "what the counts cost: growth of the stated standard uncertainties",
@@ -108,21 +120,17 @@ def study(kinds: list[str], seeds: range, protocol: str, processes: int) -> dict
                 kind,
                 _count(IMU_KINDS[kind].ranges.accel, MILLI_G),
                 _count(IMU_KINDS[kind].ranges.gyro, DEG),
-                *(_percent(cost(of[kind, True], of[kind, False], group)) for group in SHOWN),
+                *(_percent(cost(of[kind, ROUNDED], of[kind, UNROUNDED], group)) for group in SHOWN),
             ]
             for kind in kinds
-            if counted(kind)
+            if UNROUNDED in variants(kind)
         ],
     )
-    for (kind, rounded), scores in of.items():
-        said = sorted({s.refused for s in scores if s.refused})
-        for sentence in said:
-            print(f"{kind}{'' if rounded else ', not rounded'} was refused: {sentence}")
+    for key, scores in of.items():
+        for sentence in sorted({s.refused for s in scores if s.refused}):
+            print(f"{names[key]} was refused: {sentence}")
     return {
-        f"{kind}{'' if rounded else ' not rounded'}": {
-            group: figures(scores, group) for group in SHOWN
-        }
-        for (kind, rounded), scores in of.items()
+        names[key]: {group: figures(scores, group) for group in SHOWN} for key, scores in of.items()
     }
 
 
