@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from firmware_protocols.layout import load_layout
 from imu_rig.devices import listening, survey
@@ -45,6 +47,20 @@ def test_what_is_heard_is_named(data, state, words):
     finding = judge(heard(data))
     assert finding.state == state
     assert words in finding.says
+
+
+@settings(max_examples=30)
+@given(st.data())
+def test_no_damage_breaks_the_judgement(data):
+    stream = bytearray(data.draw(st.sampled_from([PACKETS, FOREIGN, b"FA FF\r\n" * 50])))
+    places = st.integers(0, len(stream) - 1)
+    for place in data.draw(st.lists(places, max_size=30)):
+        stream[place] ^= 0x41
+    for place in data.draw(st.lists(places, max_size=10)):
+        del stream[place : place + data.draw(st.integers(1, 200))]
+    finding = judge(heard(bytes(stream)))
+    assert finding.says
+    assert finding.says.isprintable()
 
 
 def test_a_device_that_must_be_asked_comes_with_its_layouts():

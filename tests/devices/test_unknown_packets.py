@@ -293,3 +293,23 @@ def test_several_kinds_of_packets_become_several_streams(name):
     sent = protocol.decoder().feed(data)
     found = drafted.decoder().feed(data)
     assert [len(p) for p in found.values()] == [len(p) for p in sent.values()]
+
+
+def test_of_a_sensor_at_rest_gravity_is_among_the_axes_that_stand_together():
+    layout = PacketLayout(
+        name="rest",
+        title="",
+        byte_order="little",
+        header=b"\xa5\x5a",
+        fields=(Field("seq", "u8"), Field("accel", "i16", count=3), Field("gyro", "i16", count=3)),
+        checksum=Checksum("crc16-modbus"),
+    )
+    rng = np.random.default_rng(8)
+    columns = {
+        "seq": np.arange(PACKETS) % 256,
+        "accel": np.rint(rng.normal([-90, 110, 4270], 20, (PACKETS, 3))).astype(int),
+        "gyro": np.rint(rng.normal([3, 50, -70], 2, (PACKETS, 3))).astype(int),
+    }
+    drafted = tomllib.loads(draft_layout([analyse(encode(layout, columns), 3.0)], "drafted"))
+    named = [(field["name"], field.get("count")) for field in drafted["fields"]]
+    assert named == [("seq", None), ("accel", 3), ("raw2", 3)]

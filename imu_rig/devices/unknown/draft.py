@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Sequence
+from itertools import pairwise
 
 from firmware_protocols.layout import PacketLayout
 from imu_rig.devices.unknown.analysis import UnknownPackets
 from imu_rig.devices.unknown.counting import Going, tick_s
-from imu_rig.devices.unknown.fields import Part
+from imu_rig.devices.unknown.fields import Part, are_alike
 
 COUNTER_WIDTHS = {1: "u8", 2: "u16", 3: "u24", 4: "u32"}
 
@@ -185,10 +186,9 @@ def _are_axes(found: UnknownPackets, index: int) -> bool:
 
 def _run(parts: list[Part], index: int) -> int:
     """Return how many parts of one kind stand side by side from here on."""
-    first, run = parts[index], 1
-    for before, part in zip(parts[index:], parts[index + 1 :], strict=False):
-        beside = before.at + before.size == part.at
-        if not beside or (part.type, part.byte_order) != (first.type, first.byte_order):
+    run = 1
+    for before, part in pairwise(parts[index:]):
+        if not are_alike(before, part):
             break
         run += 1
     return run

@@ -97,13 +97,20 @@ def unread(free: set[int]) -> list[Part]:
 
 
 def find_gravity(aligned: Aligned, parts: list[Part]) -> Gravity | None:
-    """Return which three neighbouring numbers look like an accelerometer, if any do."""
-    best: tuple[float, Gravity] | None = None
+    """Return which three neighbouring numbers look like an accelerometer, if any do.
+
+    Of a sensor at rest, one axis that reads gravity makes any three numbers around it look so:
+    those count first that stand where threes from the beginning of their kind stand.
+    """
+    best: tuple[tuple[bool, float], Gravity] | None = None
+    begin = 0  # of the numbers of one kind side by side
     for first in range(len(parts) - 2):
+        if first and not are_alike(parts[first - 1], parts[first]):
+            begin = first
         three = parts[first : first + 3]
-        kinds = {(part.type, part.byte_order) for part in three}
-        together = all(a.at + a.size == b.at for a, b in pairwise(three))
-        if len(kinds) != 1 or not together or three[0].type not in ("i16", "f32"):
+        if three[0].type not in ("i16", "f32") or not all(
+            are_alike(a, b) for a, b in pairwise(three)
+        ):
             continue
         columns = [read_part(aligned.rows, part) for part in three]
         size = np.sqrt(sum(column**2 for column in columns))
@@ -112,9 +119,16 @@ def find_gravity(aligned: Aligned, parts: list[Part]) -> Gravity | None:
         if found is None:
             continue
         spread = float(np.mean(np.abs(size - usual))) / usual
-        if spread <= ACCEL_SPREAD and (best is None or spread < best[0]):
-            best = spread, found
+        merit = (first - begin) % 3 != 0, spread
+        if spread <= ACCEL_SPREAD and (best is None or merit < best[0]):
+            best = merit, found
     return None if best is None else best[1]
+
+
+def are_alike(one: Part, other: Part) -> bool:
+    """Return whether two parts are numbers of one kind, side by side."""
+    kinds = {(part.type, part.byte_order) for part in (one, other)}
+    return len(kinds) == 1 and one.at + one.size == other.at
 
 
 def _as_gravity(first: int, usual: float, kind: str) -> Gravity | None:
