@@ -79,6 +79,9 @@ UPDATED = (
 """Bits of HIGHRES_IMU.fields_updated: 0-2 accelerometer, 3-5 gyroscope, 6-8 magnetometer,
 9 pressure, 12 temperature. What is not updated repeats the measurement before."""
 
+MOST_OTHERS = 64
+"""Other senders that are kept apart."""
+
 _OVERHEAD = 12  # bytes of a frame of MAVLink 2 without its payload
 _HEARTBEAT_BYTES = 21
 
@@ -247,7 +250,7 @@ class MavlinkDecoder(MavlinkFrameDecoder):
     sender : Sender or None
         Whose inertial messages are taken; None before the first.
     others : Counter of Sender
-        How many inertial messages of the same kind others sent.
+        How many inertial messages of the same kind others sent, of the first few of them.
     version : int or None
         Of MAVLink, 1 or 2, in the last inertial message.
     """
@@ -302,7 +305,9 @@ class MavlinkDecoder(MavlinkFrameDecoder):
             own &= _sensors(found) == self.sender.sensor
         if not bool(own.all()):
             for place in np.flatnonzero(~own).tolist():
-                self.others[_sender(found, place)] += 1
+                other = _sender(found, place)
+                if other in self.others or len(self.others) < MOST_OTHERS:
+                    self.others[other] += 1
         mine = found.taken(own)
         if len(mine):
             self.version = int(mine.version[-1])

@@ -178,8 +178,6 @@ AUTOPILOT_VERSION = Message(
     "board_version:u4 vendor_id:u2 product_id:u2 flight_custom_version:8u1 "
     "middleware_custom_version:8u1 os_custom_version:8u1 uid2:18u1",
 )
-STATUSTEXT = Message("STATUSTEXT", 253, "severity:u1 text:50s id:u2 chunk_seq:u1")
-
 MESSAGES: dict[str, Message] = {
     message.name: message
     for message in (
@@ -196,7 +194,6 @@ MESSAGES: dict[str, Message] = {
         SCALED_IMU2,
         SCALED_IMU3,
         AUTOPILOT_VERSION,
-        STATUSTEXT,
     )
 }
 """Every message that is read here, by its name."""

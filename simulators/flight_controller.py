@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -419,13 +419,13 @@ _USB = FirmwareModel(burst_s=(0.001, 0.005), latency_s=0.001)
 
 
 def _maker(
-    autopilot: Autopilot, message: str, *, cannot: tuple[str, ...] = ()
+    autopilot: Autopilot, message: str, *, cannot: tuple[str, ...] = (), version: int = 2
 ) -> Callable[[FirmwareModel, np.random.Generator], Encoder]:
     rates = {message: START_HZ, "SCALED_PRESSURE": 10.0, "ATTITUDE": 10.0}
 
     def make(model: FirmwareModel, rng: np.random.Generator) -> Encoder:
         del model, rng
-        return FlightController(FlightControllerModel(autopilot, rates, cannot))
+        return FlightController(FlightControllerModel(autopilot, rates, cannot, version=version))
 
     return make
 
@@ -461,4 +461,12 @@ MAVLINK_SCALED = ImuKind(
     sensor=_SENSOR,
     firmware=_USB,
     encoder_rounds=True,
+)
+
+MAVLINK_RAW = replace(
+    MAVLINK_SCALED,
+    name="mavlink-raw",
+    title="Old flight controller with ArduPilot, RAW_IMU over MAVLink 1",
+    protocol="mavlink-raw",
+    encoder=_maker("ardupilot", "RAW_IMU", cannot=("HIGHRES_IMU", "SCALED_IMU"), version=1),
 )

@@ -30,6 +30,7 @@ PLACES = {
     "xsens-mti-legacy": "simulators.mti:XSENS_MTI_LEGACY",
     "mavlink-highres": "simulators.flight_controller:MAVLINK_HIGHRES",
     "mavlink-scaled": "simulators.flight_controller:MAVLINK_SCALED",
+    "mavlink-raw": "simulators.flight_controller:MAVLINK_RAW",
 }
 """Where each kind is: "module:attribute"."""
 

@@ -49,6 +49,8 @@ ENOUGH = 0.5  # of the rate asked for
 TRIES = 2  # after which a refusal is believed, the old way of asking among them
 REQUESTS = 10  # one after the other; then, for a rate that is never reached, now and then
 RARELY = 30  # of our heartbeats
+MOST_SEEN = 256  # senders of IMU messages, by message
+MOST_NAMED = 3
 MOST_WAITING_BYTES = 1 << 18  # kept between two looks
 
 AUTOPILOTS = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
@@ -87,6 +89,14 @@ class Ear(MavlinkFrameDecoder):
         self.feed(data)
         heard, self._heard = self._heard, []
         return heard
+
+
+def _places(addresses: list[Address]) -> str:
+    """Name some senders."""
+    named = [f"system {s} component {c}" for s, c in addresses[:MOST_NAMED]]
+    if len(addresses) > MOST_NAMED:
+        named.append(f"{len(addresses) - MOST_NAMED} more")
+    return " and ".join(named)
 
 
 def is_autopilot(heartbeat: np.void) -> bool:
@@ -212,7 +222,7 @@ class MavlinkConversation:
             heard = " and ".join(others)
             return f"{who} sends {heard} but no {wanted}: {self._advice(others)}"
         if strangers:
-            places = " and ".join(f"system {s} component {c}" for s, c in strangers)
+            places = _places(strangers)
             return (
                 f"{who} sends no {wanted}, but {places} does: ask for that system and component "
                 "in a layout file"
@@ -234,7 +244,7 @@ class MavlinkConversation:
             kind = AUTOPILOTS.get(self.autopilot, f"autopilot {self.autopilot}")
         version = "MAVLink 1 only" if self.versions == {1} else "MAVLink 2"
         others = sorted({address for _, address in self._seen} - {self._target})
-        also = "".join(f", beside system {s} component {c}" for s, c in others)
+        also = f", beside {_places(others)}" if others else ""
         return "{}, {}, system {} component {}{}".format(kind, version, *self._target, also)
 
     def _advice(self, others: list[str]) -> str:
@@ -283,7 +293,9 @@ class MavlinkConversation:
 
     def _notice(self, name: str, found: Contents, addresses: list[Address], now_s: float) -> None:
         """Count the messages of an IMU."""
-        self._seen.update((name, address) for address in addresses)
+        for address in addresses:
+            if (name, address) in self._seen or len(self._seen) < MOST_SEEN:
+                self._seen[name, address] += 1
         if name != self._wanted.name:
             return
         if self._target is None:  # one that sends without a heartbeat

@@ -164,6 +164,23 @@ def test_several_on_one_line_are_told_apart(table):
     assert begun(table(*both), third).problem is None  # it may come
 
 
+def test_countless_senders_take_little_room(table):
+    """Frames that are sound need not be honest."""
+    line = table(PX4)
+    conversation, decoder = begun(line, HIGHRES), HIGHRES.decoder()
+    for system in range(2, 7):
+        for component in range(250):
+            frame = line.controllers[0]._dialect.MAVLink_highres_imu_message(*[0] * 15, system)
+            voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+            data = bytes(frame.pack(voice))
+            conversation.heard(data)
+            decoder.feed(data)
+    conversation.keep(line.write)
+    assert len(decoder.others) == 64
+    assert len(conversation._seen) <= driver.MOST_SEEN
+    assert "system 2 component 2 and 252 more" in conversation.description
+
+
 def test_a_rate_that_is_lost_is_asked_for_again(table):
     """Another ground station, or a restart, sets it back."""
     line = table(PX4)

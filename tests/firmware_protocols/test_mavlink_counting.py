@@ -51,7 +51,7 @@ def test_jitter_is_no_loss():
     assert streams.stats("imu").duplicates == 0
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_lost_messages_are_missing_in_the_count(data):
     """Any frames may be lost; the first message is there."""
@@ -88,7 +88,7 @@ def test_a_repeated_frame_keeps_its_number_and_a_late_one_gets_its_own():
     assert numbers(late) == [*range(10), 11, 10, *range(12, 30)]
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(data=st.data(), cuts=st.lists(st.integers(1, 89), max_size=6))
 def test_cuts_change_no_number(data, cuts):
     pairs = sent(10_000 * np.arange(30))
