@@ -12,6 +12,7 @@ from typing import Literal
 
 from firmware_protocols.known import builtin_protocols
 from firmware_protocols.protocol import DeviceProtocol
+from firmware_protocols.unconfirmed import MAESTRO_COMMAND_INTERFACE
 from imu_rig.clock import SystemClock
 from imu_rig.devices.known_messages import known_messages
 from imu_rig.devices.listening import COMMON_BAUDS, Heard, baud_matters, listen
@@ -245,7 +246,7 @@ def survey(
         def look(port: SeenPort) -> Finding:
             finding = find_out(port.url, of_s, baud, known, stop=stop, progress=progress)
             silent = finding.state == "silent"
-            if silent and probe and (port.vendor is None or port.is_maestro):
+            if silent and probe and _may_be_maestro(port):
                 return _ask_maestro(finding)
             return finding
 
@@ -279,6 +280,13 @@ def _described(port: SeenPort, finding: Finding, names: Mapping[str, str]) -> Su
 
 def _may_open(url: str) -> bool:
     return not url.startswith("/") or os.access(url, os.R_OK | os.W_OK)
+
+
+def _may_be_maestro(port: SeenPort) -> bool:
+    """Return whether a port may be asked: not a Maestro's TTL port, nor another USB device."""
+    if port.vendor is None:
+        return True
+    return port.is_maestro and port.interface in (None, MAESTRO_COMMAND_INTERFACE)
 
 
 def _ask_maestro(finding: Finding) -> Finding:

@@ -266,6 +266,25 @@ def test_all_ports_are_looked_at_at_once(monkeypatch):
     assert not found[0].may_open
 
 
+def test_only_what_may_be_a_maestro_is_asked(monkeypatch):
+    asked = []
+    ports = [
+        SeenPort("/dev/command", "", 0x1FFB, 0x0089, "1", "1-2:1.0"),
+        SeenPort("/dev/ttl", "", 0x1FFB, 0x0089, "1", "1-2:1.2"),
+        SeenPort("/dev/adapter", "", 0x0403, 0x6001, "2", "1-3:1.0"),
+        SeenPort("/dev/old", "", None, None, None),
+    ]
+    monkeypatch.setattr(survey, "seen_ports", lambda: ports)
+    monkeypatch.setattr(survey, "find_out", lambda url, *_, **__: judge(heard(b"", url=url)))
+    monkeypatch.setattr(
+        survey, "_ask_maestro", lambda finding: asked.append(finding.heard.url) or finding
+    )
+    survey.survey(probe=False)
+    assert asked == []
+    survey.survey(probe=True)
+    assert sorted(asked) == ["/dev/command", "/dev/old"]
+
+
 def test_a_port_under_two_names_is_opened_once(tmp_path, monkeypatch):
     monkeypatch.setattr(survey, "seen_ports", list)
     with terminal() as (_, name):
