@@ -145,7 +145,8 @@ class EncoderVoice(Voice):
         """Return what the firmware sends with each sample."""
         numbers = np.arange(first, stop, dtype=np.int64)
         places = numbers % len(self._pressure)
-        made_s: FloatArray = float(self._base_s) + (numbers.astype(np.float64) + 1 - self._base) / self.rate_hz
+        since = numbers.astype(np.float64) + 1 - self._base
+        made_s: FloatArray = self._base_s + since / self.rate_hz
         r = self._readings
         return self._encoder.encode(
             MadeSamples(
