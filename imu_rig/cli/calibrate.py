@@ -94,9 +94,10 @@ def calibrate(
 ) -> None:
     """Step an IMU on a servo jig through poses and turns; write certificate and report."""
     from contextlib import ExitStack
+    from dataclasses import replace
 
     from imu_rig.cli import sessions
-    from imu_rig.cli.outlook import expected_lines
+    from imu_rig.cli.outlook import expected_lines, other_noise
     from imu_rig.clock import Clock, SystemClock
     from imu_rig.session.observability import outlook
     from imu_rig.session.progress import Progress, ignore
@@ -131,6 +132,7 @@ def calibrate(
         setup = resumed_setup(resume, setup)
     plan = setup.plan()
     forecast = outlook(plan, setup.jig, method)
+    forecast = replace(forecast, warnings=(*forecast.warnings, *other_noise(setup.layout.name)))
     if dry_run:
         _print_plan(plan, forecast, setup.jig.name, as_json=as_json)
         return

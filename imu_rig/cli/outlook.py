@@ -67,6 +67,16 @@ def expected_lines(expected: ExpectedUncertainty, warnings: Sequence[str] = ()) 
     return lines
 
 
+def other_noise(layout: str) -> tuple[str, ...]:
+    """Say of what sensor an expectation is, where it is not the one that is to be calibrated."""
+    if layout.startswith("mpu9150"):
+        return ()
+    return (
+        "This is expected of an MPU-9150; a sensor with more or less noise is known worse or "
+        "better. The certificate states what was reached.",
+    )
+
+
 def expected_json(
     expected: ExpectedUncertainty, warnings: Sequence[str] = ()
 ) -> Mapping[str, object]:

@@ -28,3 +28,10 @@ def test_a_served_rig_says_how_to_calibrate_its_sensor(kind, options):
             served.terminate()
     assert said[0].startswith("IMU      socket://")
     assert said[4].endswith(f"{options}\n")
+
+
+def test_a_forecast_says_that_it_is_of_another_sensor(inside):
+    words = "This is expected of an MPU-9150"
+    plan = ("calibrate", "--dry-run", "--protocol", "quick")
+    assert words in inside(*plan, "--layout", "adis16405-36").stdout
+    assert words not in inside(*plan).stdout
