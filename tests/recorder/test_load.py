@@ -24,4 +24,4 @@ def test_every_kind_of_device_at_once_loses_nothing(tmp_path):
     assert {s.corrupt for s in figures.streams} == {0}
     for stream in figures.streams:
         assert stream.received >= 0.8 * stream.published_hz
-        assert stream.rate_hz == pytest.approx(stream.published_hz, rel=0.02)
+        assert stream.rate_hz == pytest.approx(stream.published_hz, rel=0.05)
