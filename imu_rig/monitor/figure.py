@@ -233,7 +233,7 @@ class LiveFigure:
         numbers.set_scientific(False)
         axes.yaxis.set_major_formatter(numbers)
         axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         unit = quantity.spoken_unit
         axes.set_title(
             f"{quantity.title} [{unit}]" if unit else quantity.title,
@@ -243,7 +243,7 @@ class LiveFigure:
             pad=3,
         )
         if last:
-            axes.set_xlabel("time before now [s]", fontsize=8, color=INK, labelpad=2)
+            axes.set_xlabel("time [s], 0 is now", fontsize=8, color=INK, labelpad=2)
         of_axes = quantity.count == len(COLOURS)
         lines = [
             axes.plot([], [], lw=1.0, color=COLOURS[at] if of_axes else _shade(at, quantity))[0]
