@@ -43,7 +43,7 @@ SAY_S = 1.0  # between two heartbeats of ours, and two requests
 HEAR_S = 0.05  # that one look at the port may take
 JUDGE_S = 0.1  # of the flight controller's time, over which the rate is judged at the least
 SLOW_S = 2.0  # after which a message that comes too slowly is taken as it comes
-SILENT_S = 3.0  # without any message it is not the flight controller that is to blame
+SILENT_S = 2.5  # without any message it is not the flight controller that is to blame
 
 ENOUGH = 0.5  # of the rate asked for
 TRIES = 2  # after which a refusal is believed, the old way of asking among them
@@ -153,7 +153,7 @@ class MavlinkConversation:
         self._target: Address | None = None
         self._seen: Counter[tuple[str, Address]] = Counter()
         self._waiting: list[bytes] = []  # heard by the reader's thread and not looked at yet
-        self._waiting_bytes = 0
+        self._waiting_bytes, self._waiting_s = 0, 0.0
         self._span = _Span()
         self._enough = False
         self._unanswered: Message | None = None  # asked for and not acknowledged
@@ -173,7 +173,7 @@ class MavlinkConversation:
         start_s = said_s = time.monotonic()
         self._say(write)
         while not self._is_settled(time.monotonic() - start_s):
-            self._listen(hear(HEAR_S))
+            self._listen(hear(HEAR_S), time.monotonic())
             self._enough = self._span.reaches(ENOUGH * self._protocol.rate_hz)
             now_s = time.monotonic()
             if now_s - start_s > (START_S if self._target is None else BEGIN_S):
@@ -189,6 +189,7 @@ class MavlinkConversation:
 
     def heard(self, data: bytes) -> None:
         """Keep what came for the next look."""
+        self._waiting_s = time.monotonic()
         if self._waiting_bytes < MOST_WAITING_BYTES:
             self._waiting_bytes += len(data)
             self._waiting.append(data)
@@ -197,7 +198,7 @@ class MavlinkConversation:
         """Say that we are there, and ask again where the message does not come."""
         waiting, self._waiting = self._waiting, []
         self._waiting_bytes = 0
-        self._listen(b"".join(waiting))
+        self._listen(b"".join(waiting), self._waiting_s)
         self._enough = self._span.reaches(ENOUGH * self._protocol.rate_hz)
         self._span = _Span()
         self._say(write)
@@ -265,8 +266,8 @@ class MavlinkConversation:
             return True
         return self._enough and self._unanswered is None
 
-    def _listen(self, data: bytes) -> None:
-        now_s = time.monotonic()
+    def _listen(self, data: bytes, now_s: float) -> None:
+        """Take in what came until now."""
         for contents in self._ear.hear(data):
             for name, found in contents.items():
                 addresses = list(zip(found.system.tolist(), found.component.tolist(), strict=True))

@@ -219,6 +219,7 @@ def test_a_message_that_stops_is_named_while_the_flight_controller_speaks(table,
 def test_garbage_and_silence_are_nobody_to_speak_to(table):
     line = table()
     conversation = begun(line, HIGHRES)
+    conversation.keep(line.write)
     rng = np.random.default_rng(0)
     for _ in range(20):
         conversation.heard(rng.bytes(20_000))
