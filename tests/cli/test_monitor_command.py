@@ -120,7 +120,6 @@ def test_a_picture_is_saved_without_a_screen_and_never_over_another(inside, tmp_
         (["--simulate", "1", "--window", "0"], 2, "--window"),
         (["--simulate", "0"], 2, "1 to 16"),
         (["--simulate", "none-such"], 2, "none-such"),
-        (["--simulate", "mavlink-raw"], 2, "no simulated device"),
         (["--simulate", "1", "-d", "/dev/x"], 2, "not both"),
         (["-d", "left=/dev/none,layout=none"], 2, "'left'"),
         (["-d", "left=/dev/none", "--seconds", "0.2"], 3, "/dev/none"),
@@ -128,6 +127,15 @@ def test_a_picture_is_saved_without_a_screen_and_never_over_another(inside, tmp_
 )
 def test_what_cannot_be_watched_is_refused(inside, options, code, named):
     assert named in inside("monitor", *options, code=code).stderr
+
+
+def test_a_protocol_that_nobody_simulates_is_refused(inside, tmp_path):
+    file = tmp_path / "odd.toml"
+    file.write_text(
+        'name = "odd"\ntitle = "Odd"\nkind = "mavlink"\nmessage = "HIGHRES_IMU"\nrate_hz = 50.0\n'
+    )
+    told = inside("monitor", "--simulate", file, "--seconds", 0.1, code=2).stderr
+    assert "no simulated device speaks odd" in told
 
 
 def test_a_plot_without_a_screen_is_refused(inside, monkeypatch):
