@@ -44,10 +44,6 @@ class FrameFormat(Protocol):
     """What the frames of a protocol look like."""
 
     @property
-    def shortest(self) -> int:
-        """Bytes of the shortest frame."""
-
-    @property
     def longest(self) -> int:
         """Bytes of the longest frame."""
 

@@ -29,6 +29,7 @@ from firmware_protocols.protocol import DecodeStats, DeviceProtocol, Packets
 from firmware_protocols.rows import RowLayout, check_names
 from firmware_protocols.variable_framing import FramedBytes, FrameDecoder
 from firmware_protocols.xsens_data import (
+    ALARMING_ERRORS,
     ITEMS,
     STATUS_WORD,
     FloatArray,
@@ -41,7 +42,13 @@ from firmware_protocols.xsens_data import (
     read_part,
     size_of,
 )
-from firmware_protocols.xsens_frames import EXTENDED, XSENS_FORMAT, Message, Mid
+from firmware_protocols.xsens_frames import (
+    EXTENDED,
+    LONGEST_SHORT,
+    Message,
+    Mid,
+    XsensFormat,
+)
 
 KIND = "xsens-mti"
 MTDATA2, LEGACY = "mtdata2", "legacy"
@@ -57,6 +64,9 @@ PERIOD_HZ = 115_200.0
 PERIODS = range(225, 11_521)
 """Ticks between two samples that a legacy unit has: 512 to 10 samples per second."""
 
+ERROR_BYTES = 6
+"""Of the frame of an Error message."""
+
 MANY_SHAPES = 8
 """From so many arrangements of items of one length on, messages are sorted one by one."""
 
@@ -69,6 +79,10 @@ Shape = tuple[tuple[int, int, int], ...]
 """Identifier, offset of the data and size of each item."""
 Wanted = tuple[tuple[str, int, int, int], ...]
 """Field, identifier, offset and size of the items that are read."""
+
+_ALARMS = np.zeros(256, dtype=np.uint8)
+for _error, _bit in ALARMING_ERRORS.items():
+    _ALARMS[_error] = 1 << _bit
 
 _IDENTIFIER = re.compile(r"(?:0x)?[0-9A-Fa-f]{4}")
 
@@ -159,8 +173,7 @@ class XsensProtocol(DeviceProtocol):
             names = [ITEMS[identifier & 0xFFF0].field for identifier in self.outputs]
         else:
             names = [part.field for part in self.parts]
-        if "status" in names:
-            names.append("alarms")
+        names.append("alarms")
         return RowLayout(
             name=self.name,
             title=self.title,
@@ -181,6 +194,15 @@ class XsensProtocol(DeviceProtocol):
     def longest(self) -> int:
         """Bytes of a frame that holds everything."""
         return self.data_bytes + (5 if self.data_bytes < EXTENDED else 7)
+
+    @cached_property
+    def form(self) -> XsensFormat:
+        """What the frames look like that may come.
+
+        Answers, and what a unit sends that does not hear, fit into one length byte. A header that
+        announces more than that and the layout need is damage, and nothing waits for its end.
+        """
+        return XsensFormat(max(self.longest, LONGEST_SHORT))
 
     @property
     def proves_packets(self) -> bool:
@@ -249,10 +271,11 @@ def from_dict(data: Mapping[str, Any]) -> XsensProtocol:
     if "outputs" in values:
         values["outputs"] = tuple(_identifier(entry) for entry in values["outputs"][:256])
     if "rate_hz" in values:
-        values["rate_hz"] = float(min(values["rate_hz"], 1e9))
+        values["rate_hz"] = float(max(-1e9, min(values["rate_hz"], 1e9)))
     unfit = {"outputs"} if values.get("format") == LEGACY else {"output_mode", "output_settings"}
     for key in unfit & values.keys():
-        raise LayoutError(f"{key} does not go with the format {values.get('format', MTDATA2)}.")
+        form = quote(values.get("format", MTDATA2))
+        raise LayoutError(f"{key} does not go with the format {form}.")
     return XsensProtocol(**values)
 
 
@@ -271,12 +294,13 @@ class XsensDecoder(FrameDecoder):
     """
 
     def __init__(self, protocol: XsensProtocol) -> None:
-        super().__init__(XSENS_FORMAT)
+        super().__init__(protocol.form)
         self._protocol = protocol
         self._layout = protocol.layout
         self._blank = _blank(self._layout)
         self._rows = 0
         self._malformed = 0
+        self._alarms = 0  # that the next row tells of
         self._sequence = SequenceCounter(1 << 16)
         self._wanted: dict[Shape, Wanted] = {}
 
@@ -301,6 +325,7 @@ class XsensDecoder(FrameDecoder):
     def _read(self, frames: FramedBytes) -> dict[str, Packets]:
         rows = np.full(len(frames), self._blank)
         is_row = np.zeros(len(frames), dtype=bool)
+        alarms = np.zeros(len(frames), dtype=np.uint8)
         wanted = Mid.MT_DATA2 if self._protocol.format == MTDATA2 else Mid.MT_DATA
         for index, frame in frames.by_length():
             for is_long in (False, True):
@@ -311,12 +336,29 @@ class XsensDecoder(FrameDecoder):
                         self._read_items(data, index[chosen], rows, is_row)
                     else:
                         self._read_parts(data, index[chosen], rows, is_row)
+            if frame.shape[1] == ERROR_BYTES:
+                is_error = frame[:, 2] == Mid.ERROR
+                alarms[index[is_error]] = _ALARMS[frame[is_error, 4]]
         found = rows[is_row]
         self._rows += len(found)
         if self._layout.counter is not None and len(found):
             numbers = counts(self._layout, found, self._layout.counter)
             self._sequence.add(numbers, found.view(np.uint8).reshape(len(found), -1))
+        self._tell(alarms, is_row, found)
         return {"": Packets(found, frames.end[is_row])}
+
+    def _tell(
+        self, alarms: Bytes, is_row: npt.NDArray[np.bool_], found: npt.NDArray[np.void]
+    ) -> None:
+        """Let each row tell of the errors that were reported since the row before."""
+        if not self._alarms and not bool(alarms.any()):
+            return
+        following = np.cumsum(is_row)  # of an error: the number of the next row
+        told = np.zeros(len(found) + 1, dtype=np.uint8)
+        told[0] = self._alarms
+        np.bitwise_or.at(told, following, alarms)
+        found["alarms"] |= told[:-1]
+        self._alarms = int(told[-1])
 
     def _read_parts(
         self, data: Bytes, index: Indices, rows: npt.NDArray[np.void], is_row: npt.NDArray[np.bool_]

@@ -29,6 +29,7 @@ from firmware_protocols.unconfirmed import (
     XSENS_TEMPERATURE_HZ,
     XSENS_UT_PER_UNIT,
 )
+from firmware_protocols.xsens_frames import error_words
 
 Bytes = npt.NDArray[np.uint8]
 FloatArray = npt.NDArray[np.float64]
@@ -100,12 +101,24 @@ MOST_HZ = {0x0810: XSENS_TEMPERATURE_HZ, 0x3010: 50, 0xC020: 100}
 
 STATUS_FLAGS = (("self_test_passed", 0), ("filter_valid", 1), ("gnss_fix", 2))
 STATUS_WORD_FLAGS = (*STATUS_FLAGS, ("sync_in", 21), ("sync_out", 22))
+ALARMING_ERRORS = {0x1E: 1, 0x28: 2}
+"""Errors that a unit reports of itself while it measures, and their bits of the alarms.
+
+The other errors answer what it was told: they belong to the conversation with it.
+"""
+
 CLIPPED = tuple(
     (f"the {part} clips on {axis}", 8 + 3 * place + number)
     for place, part in enumerate(("accelerometer", "gyroscope", "magnetometer"))
     for number, axis in enumerate("xyz")
 )
 """Bits of the status word for a sensor that is beyond its range, in words."""
+
+ALARMS = (
+    ("its self-test has not passed", 0),
+    *((f"reports {error_words(bytes([error]))}", bit) for error, bit in ALARMING_ERRORS.items()),
+)
+"""Bits of the field that holds what is no measurement but tells that something is wrong."""
 
 FIELDS = {
     field.name: field
@@ -133,12 +146,12 @@ FIELDS = {
         Field("mag_counts", "u16", count=3),
         Field("temperature_counts", "u16"),
         Field("status", "u32", flags=STATUS_WORD_FLAGS, faults=CLIPPED),
-        Field("alarms", "u8", faults=(("its self-test has not passed", 0),)),
+        Field("alarms", "u8", faults=ALARMS),
     )
 }
 """Every field that a row may have, in the order of the row.
 
-``alarms`` is made of the status, in which a bit says that all is well.
+``alarms`` is made of the status, in which a bit says that all is well, and of Error messages.
 """
 
 
@@ -422,6 +435,11 @@ def legacy_parts(mode: int, settings: int) -> tuple[Part, ...]:
         listed += [("velocity", 3 * number, "f")]
     if mode >> STATUS_BIT & 1:
         listed += [("status", 1, "u1")]
+    if not listed:
+        raise LayoutError(
+            f"output_settings {settings:#010x} switch off all that output_mode {mode:#06x} asks "
+            "for: take less of it away (bits 4 to 6 calibrated data, 10 and 11 analog inputs)."
+        )
     if settings & 0x3 == 1:
         listed += [("counter", 2, ">u2")]
     parts = []
@@ -433,7 +451,9 @@ def legacy_parts(mode: int, settings: int) -> tuple[Part, ...]:
 
 
 def _check_legacy(mode: int, settings: int) -> None:
-    if not 0 <= mode <= 0xFFFF or any(mode >> b & 1 for b in range(16) if b not in _MODES):
+    if not 0 <= mode <= 0xFFFF:
+        raise LayoutError("output_mode must be 0 to 0xFFFF.")
+    if any(mode >> b & 1 for b in range(16) if b not in _MODES):
         raise LayoutError(
             f"output_mode {mode:#06x} has bits that are not known: take those of temperature (0), "
             "calibrated data (1), orientation (2), analog inputs (3), position (4), velocity (5), "

@@ -16,11 +16,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 
 from firmware_protocols.checksums import checksum_rows
-from firmware_protocols.variable_framing import Bytes, Flags, Positions, find_short
+from firmware_protocols.variable_framing import Bytes, Flags, Positions, find_frames
 
 PREAMBLE = 0xFA
 BUS_ID = 0xFF
@@ -28,7 +29,10 @@ EXTENDED = 0xFF
 """Value of the length byte that says that two more length bytes follow."""
 
 MAX_DATA = 2048
-"""Bytes of data that a message may announce; a header that says more is none."""
+"""Bytes of data that any message may announce; a header that says more is none."""
+
+LONGEST_SHORT = 5 + EXTENDED - 1
+"""Bytes of the longest frame that has but one length byte, as all that units usually send."""
 
 
 class Mid(IntEnum):
@@ -111,32 +115,42 @@ def message_of(frame: bytes) -> Message:
     return Message(frame[2], frame[6 if frame[3] == EXTENDED else 4 : -1])
 
 
-def find_messages(data: bytes) -> tuple[list[Message], int]:
-    """Return the messages in a stretch of bytes, and how many bytes of it are decided."""
-    found = find_short(XSENS_FORMAT, data)
+def find_messages(data: bytes, form: XsensFormat | None = None) -> tuple[list[Message], int]:
+    """Return the messages in a stretch of bytes, and how many bytes of it are decided.
+
+    Without a format they may be of any length.
+    """
+    found = find_frames(form or XSENS_FORMAT, data)
     ends = (found.starts + found.lengths).tolist()
     frames = [data[start:end] for start, end in zip(found.starts.tolist(), ends, strict=True)]
     return [message_of(frame) for frame in frames], found.decided
 
 
+@dataclass(frozen=True)
 class XsensFormat:
-    """What the frames look like, for :mod:`firmware_protocols.variable_framing`."""
+    """What the frames look like, for :mod:`firmware_protocols.variable_framing`.
 
-    shortest = 5
-    longest = 7 + MAX_DATA
-    head = 6
-    header = re.compile(rb"\xfa(?:\xff|\Z)")
+    Attributes
+    ----------
+    longest : int
+        Bytes of the longest frame to expect; a header that announces more is none.
+    """
+
+    longest: int = 7 + MAX_DATA
+    head: ClassVar[int] = 6
+    header: ClassVar[re.Pattern[bytes]] = re.compile(rb"\xfa(?:\xff|\Z)")
 
     def length(self, data: bytes, at: int) -> int | None:
         """Return the bytes of the frame at ``at``; 0 for one that is too long, None if unknown."""
         if len(data) < at + 4:
             return None
         if data[at + 3] != EXTENDED:
-            return 5 + data[at + 3]
-        if len(data) < at + 6:
+            length = 5 + data[at + 3]
+        elif len(data) < at + 6:
             return None
-        size = data[at + 4] << 8 | data[at + 5]
-        return 7 + size if size <= MAX_DATA else 0
+        else:
+            length = 7 + (data[at + 4] << 8 | data[at + 5])
+        return length if length <= self.longest else 0
 
     def is_good(self, frame: bytes) -> bool:
         """Return whether the checksum holds."""
@@ -153,8 +167,8 @@ class XsensFormat:
         """Return the bytes of each frame, 0 for those that are too long."""
         short = data[at + 3].astype(np.int64)
         long = data[at + 4].astype(np.int64) << 8 | data[at + 5]
-        extended = np.where(long <= MAX_DATA, 7 + long, 0)
-        return np.where(short == EXTENDED, extended, 5 + short)
+        lengths = np.where(short == EXTENDED, 7 + long, 5 + short)
+        return np.where(lengths <= self.longest, lengths, 0)
 
     def good(self, rows: Bytes) -> Flags:
         """Return whether each checksum holds; ``rows`` of shape (n, length)."""

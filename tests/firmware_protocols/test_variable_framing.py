@@ -24,7 +24,6 @@ class Tiny:
     In streams of the bytes 0 to 2 everything comes about by chance, also inside frames.
     """
 
-    shortest = 3
     longest = 8
     head = 3
     header = re.compile(rb"\x01|\x02(?:\x02|\Z)")

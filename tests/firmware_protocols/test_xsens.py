@@ -16,7 +16,8 @@ from firmware_protocols.known import load_protocol, protocol_from_dict
 from firmware_protocols.packets import values
 from firmware_protocols.xsens import LEGACY, MTDATA2, XsensProtocol, describe
 from firmware_protocols.xsens_data import ITEMS, NUMBER_BYTES, item_of, size_of, write_numbers
-from firmware_protocols.xsens_frames import Message, Mid, encode_message
+from firmware_protocols.xsens_frames import LONGEST_SHORT, Message, Mid, encode_message
+from imu_rig.packet_stream import PacketStreams
 
 MTI = load_protocol("xsens-mti")
 OLD_MTI = load_protocol("xsens-mti-legacy")
@@ -315,7 +316,62 @@ def test_losses_are_counted_by_the_packet_counter():
     assert (stats.good, stats.lost, stats.duplicates, stats.reordered) == (9, 3, 1, 1)
 
 
-@settings(max_examples=20, deadline=None)
+def error_message(number):
+    return encode_message(Mid.ERROR, bytes([number]))
+
+
+def test_errors_while_it_measures_are_told_by_the_next_row():
+    """Wherever the bytes are cut; those that answer what it was told are none of its alarms."""
+    first, second, third = (full_message(number) for number in range(3))
+    stream = first + error_message(0x1E) + second + error_message(0x04) + third
+    stream += error_message(0x28) + error_message(0x1E)
+    for cuts in ((), range(len(stream))):
+        decoder = MTI.decoder()
+        rows = []
+        for start, stop in pairwise([0, *cuts, len(stream)]):
+            rows += decoder.feed(stream[start:stop])[""].rows["alarms"].tolist()
+        assert rows == [0, 0b010, 0]
+        assert decoder.feed(third)[""].rows["alarms"].tolist() == [0b110]
+        assert decoder.feed(third)[""].rows["alarms"].tolist() == [0]
+    bits = {bit: words for words, bit in MTI.layout.field("alarms").faults}
+    assert "timer overflowed" in bits[1]
+    assert "device itself failed" in bits[2]
+
+
+def test_an_error_is_a_fault_of_the_stream_also_without_a_status():
+    protocol = XsensProtocol("plain", outputs=(0x1020, 0x1060, 0x4020, 0x8020))
+    streams = PacketStreams(protocol)
+    first = b"".join(full_message(number) for number in range(100))
+    streams.feed_many([(1_000_000_000, first)])
+    assert streams.faults("", 0.0) == ()
+    streams.feed_many([(1_010_000_000, error_message(0x1E) + full_message(100))])
+    (fault,) = streams.faults("", 0.0)
+    assert fault.startswith("reports error 30: its timer overflowed")
+
+
+@pytest.mark.parametrize("head", ["FAFF36FF0800", "FAFF32FF00FD", "FAFF36FE"])
+def test_a_length_that_lies_holds_back_what_one_length_byte_can_say(head):
+    decoder = MTI.decoder()
+    decoder.feed(bytes.fromhex(head))
+    for number in range(12):
+        decoder.feed(full_message(number))
+        assert decoder.pending < LONGEST_SHORT
+    assert decoder.stats.good >= 12 - LONGEST_SHORT // len(full_message(0)) - 1
+
+
+def test_what_holds_more_than_one_length_byte_can_say_is_read():
+    doubles = [0x1020, 0x1060, *(base | 3 for base, item in ITEMS.items() if item.count in (3, 9))]
+    doubles.remove(0x2033)
+    protocol = XsensProtocol("long", outputs=tuple(doubles))
+    assert protocol.longest > LONGEST_SHORT
+    items = [(identifier, bytes(size_of(identifier))) for identifier in doubles]
+    frame = message_bytes(items)
+    assert len(frame) == protocol.longest
+    assert len(rows_of(protocol, frame)) == 1
+    assert len(rows_of(MTI, frame)) == 0
+
+
+@settings(max_examples=15, deadline=None)
 @given(st.data())
 def test_chunks_do_not_matter(data):
     pieces = data.draw(
@@ -361,6 +417,11 @@ def test_descriptions_come_back(protocol):
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"rate_hz": 33.3}, "whole"),
         ({"rate_hz": True}, "number"),
+        ({"rate_hz": 10**400}, "rate_hz must be 1 to"),
+        ({"rate_hz": -(10**400)}, "rate_hz must be 1 to"),
+        ({"rate_hz": 5e-324}, "rate_hz must be 1 to"),
+        ({"rate_hz": float("nan")}, "rate_hz must be 1 to"),
+        ({"format": "\x1b[31m" * 1000, "output_mode": 7}, r"^.{1,200}$"),
         ({"name": "a b"}, "name"),
         ({"output_mode": 7}, "does not go with"),
         ({"speed": 7}, "speed"),
@@ -379,6 +440,10 @@ def test_descriptions_that_cannot_be_used_are_refused(change, words):
         ({"rate_hz": 5.0}, "115200 divided"),
         ({"output_mode": 0}, "no data"),
         ({"output_mode": "7"}, "whole number"),
+        ({"output_mode": 16**5000}, "output_mode must be 0 to 0xFFFF"),
+        ({"output_mode": -1}, "output_mode must be 0 to 0xFFFF"),
+        ({"output_mode": 2, "output_settings": 0x70}, "settings 0x00000070 switch off all"),
+        ({"output_mode": 8, "output_settings": 0xC01}, "settings 0x00000c01 switch off all"),
         ({"format": MTDATA2}, "does not go with"),
     ],
 )

@@ -188,7 +188,7 @@ def test_what_a_legacy_message_holds(mode, settings_, fields, size):
     [
         (0, 0, "no data"),
         (0x0040, 0, "0x0040"),
-        (0x10006, 0, "not known"),
+        (0x10006, 0, "0 to 0xFFFF"),
         (0x4002, 0, "raw"),
         (2, 1 << 32, "0xFFFFFFFF"),
         (2, 2, "counter"),
