@@ -45,6 +45,8 @@ HEAR_S = 0.05  # of one look at the port
 SEND_S = 2.0  # for the first measurement after all is set up
 
 SHORT_BYTES = 4096  # of what came last, to say what it is
+MOST_WAITING_BYTES = 1 << 18  # kept between two looks
+SHARE_OF_BYTES = 0.5  # that whole messages make up where an MTi speaks
 MEASUREMENTS = (Mid.MT_DATA, Mid.MT_DATA2)
 EVERY_SAMPLE = 0xFFFF
 EXACT_ITEMS = (0x4020, 0x8020)  # whose rate must be the one asked for
@@ -84,10 +86,13 @@ class MtiConversation:
         self._protocol = protocol
         self.device_id: int | None = None
         self._beginning = False
+        self._waiting: list[bytes] = []  # heard while it measures and not looked at yet
+        self._waiting_bytes = 0
         self._tail = b""
+        self._tail_s = 0.0  # when it began to wait for the rest of a message
         self._recent = b""
         self._bytes = 0
-        self._messages = 0
+        self._message_bytes = 0
         self._fitting = 0  # measurements as the layout has them
         self._before = 0  # those of them that came before the last answer
         self._inbox: deque[tuple[int, Message]] = deque(maxlen=64)
@@ -110,15 +115,24 @@ class MtiConversation:
             raise
         finally:
             self._beginning = False
+            self._inbox.clear()
 
     def heard(self, data: bytes) -> None:
-        """Keep what it says of itself while it measures."""
-        if not self._beginning:
-            self._take(data)
-            self._judge()
+        """Keep what it says while it measures for the next look."""
+        if not self._beginning and self._waiting_bytes < MOST_WAITING_BYTES:
+            self._waiting_bytes += len(data)
+            self._waiting.append(data)
 
     def keep(self, write: Write) -> None:
-        """Send it back to measuring if it fell silent, as after somebody else set it up."""
+        """Look at what it says; send it back to measuring if it fell silent.
+
+        It does when somebody else has set it up.
+        """
+        waiting, self._waiting = self._waiting, []
+        self._waiting_bytes = 0
+        if waiting:
+            self._take(b"".join(waiting))
+            self._judge()
         if not self._fresh:
             write(encode_message(Mid.GO_TO_MEASUREMENT))
         self._fresh = 0
@@ -248,15 +262,29 @@ class MtiConversation:
         raise _NoAnswer(f"{mid:02X} ({mid.name})")
 
     def _take(self, data: bytes) -> None:
-        """Find the messages in what came."""
+        """Find the messages in what came.
+
+        What has been awaited for long is not the beginning of a message: it lost its end, or its
+        length lies. It is let go, since the next answers may stand in what it claims.
+        """
+        now_s = time.monotonic()
         self._bytes += len(data)
-        self._tail += data
-        messages, decided = find_messages(self._tail)
-        self._tail = self._tail[decided:]
-        self._messages += len(messages)
         if self._beginning:
             self._recent = (self._recent + data)[-SHORT_BYTES:]
+        stale = bool(self._tail) and now_s - self._tail_s >= ANSWER_S
+        joined = self._tail + data
+        self._find(joined, now_s)
+        if stale and len(self._tail) == len(joined):
+            self._find(self._tail[1:], now_s)
+
+    def _find(self, data: bytes, now_s: float) -> None:
+        """Take the messages out of bytes and keep what is undecided as the tail."""
+        messages, decided = find_messages(data, self._protocol.form)
+        if decided or not self._tail:
+            self._tail_s = now_s
+        self._tail = data[decided:]
         for message in messages:
+            self._message_bytes += 5 + len(message.data)
             if message.mid in MEASUREMENTS:
                 self._measurement = message
                 self._fresh += 1
@@ -268,9 +296,10 @@ class MtiConversation:
         """Accept a unit that does not answer if it sends what is wanted; otherwise say what."""
         if self._listen(hear, ANSWER_S + 2.0 / self._protocol.rate_hz):
             return
-        if self._measurement is not None and not self._fits(self._measurement):
+        speaks = self._message_bytes >= SHARE_OF_BYTES * self._bytes  # not by chance, in noise
+        if speaks and self._measurement is not None and not self._fits(self._measurement):
             raise DeviceError(f"the MTi does not answer, and {self._other_data()}.")
-        if self._messages:
+        if speaks and self._message_bytes:
             raise DeviceError(
                 f"the MTi does not answer the message {unanswered}: see that the line to it is "
                 "connected, then switch it off and on again."
@@ -282,8 +311,8 @@ class MtiConversation:
                     f"no MTi: packets of the layout {other.name} come; use that layout."
                 )
             raise DeviceError(
-                f"{self._bytes} bytes came and no message of an MTi among them: the baud rate is "
-                "wrong (115200 from the factory), or this is another device's port."
+                f"{self._bytes} bytes came that are no messages of an MTi: the baud rate is wrong "
+                "(115200 from the factory), or this is another device's port."
             )
         raise DeviceLost(
             "the MTi neither answers nor sends: check its power, its cable, the baud rate and that "
@@ -299,13 +328,14 @@ class MtiConversation:
 
     def _judge(self) -> None:
         """Say what is wrong by what came last."""
-        self._problem = None
+        problem = None
         while self._inbox:
             _, message = self._inbox.popleft()
             if message.mid == Mid.ERROR:
-                self._problem = f"reports {error_words(message.data)}"
+                problem = f"reports {error_words(message.data)}"
         if self._measurement is not None and not self._fits(self._measurement):
-            self._problem = self._other_data()
+            problem = self._other_data()
+        self._problem = problem
 
     def _fits(self, measurement: Message) -> bool:
         if self._protocol.format == LEGACY:
