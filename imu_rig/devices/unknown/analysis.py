@@ -10,9 +10,8 @@ from imu_rig.arrays import BoolArray, ByteArray, IntArray
 from imu_rig.devices.unknown.checksum import FoundChecksum, find_checksum
 from imu_rig.devices.unknown.counting import Going, find_clock, find_counter
 from imu_rig.devices.unknown.fields import Gravity, Part, divide, find_gravity, unread
-from imu_rig.devices.unknown.period import Aligned, align
+from imu_rig.devices.unknown.period import Aligned, align, constant_places
 
-CONSTANT = 0.95  # share of the packets in which a byte must be the same
 MOST_BEGINNINGS = 24  # that are tried
 LONGEST_HEADER = 3  # of what stays the same: more of it may be measurements that rest
 HEADER_WITH_CHECKSUM = 2
@@ -148,12 +147,6 @@ def describe(framed: Framed, rate_hz: float | None, header_bytes: int = 0) -> Un
         find_gravity(aligned, parts),
         rate_hz,
     )
-
-
-def constant_places(rows: ByteArray) -> BoolArray:
-    """Return which bytes are the same in nearly all rows."""
-    usual = np.array([np.bincount(column).argmax() for column in rows.T])
-    return np.asarray((rows == usual).mean(axis=0) >= CONSTANT)
 
 
 def _share(starts: IntArray, period: int) -> float:

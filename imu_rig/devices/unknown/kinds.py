@@ -13,13 +13,18 @@ import numpy as np
 from imu_rig.devices.unknown.analysis import (
     Framed,
     UnknownPackets,
-    constant_places,
     describe,
     frame,
 )
 from imu_rig.devices.unknown.counting import find_counter
 from imu_rig.devices.unknown.draft import drafted_layout
-from imu_rig.devices.unknown.period import ANALYSED_BYTES, LEAST_PACKETS, Aligned, find_period
+from imu_rig.devices.unknown.period import (
+    ANALYSED_BYTES,
+    LEAST_PACKETS,
+    Aligned,
+    constant_places,
+    find_period,
+)
 
 MOST_KINDS = 4
 MOST_IN_TURN = 4

@@ -24,6 +24,9 @@ LEAST_EXCESS = 0.01
 NEARLY_BEST = 0.8  # a multiple of the period is as good as the period itself
 LONGEST_ANCHOR = 4
 LEAST_ANCHORED = 0.35
+MOST_ANCHORS = 6  # that are compared
+AS_MANY = 0.98  # of the rows of the best
+CONSTANT = 0.95  # share of the packets in which a byte must be the same
 
 
 @dataclass(frozen=True)
@@ -90,11 +93,37 @@ def align(data: bytes, period: int) -> Aligned | None:
     """Cut a stream into rows of its period; None where nothing in it tells where they begin.
 
     The anchor is the group of bytes that most often is found again exactly one period later and
-    least often elsewhere.
+    least often elsewhere. Among those that are nearly as good and found as often, it is the one
+    with which most bytes of a row stay the same: others are also met in packets of another kind.
     """
     values = np.frombuffer(data[:ANALYSED_BYTES], np.uint8)
+    anchors = sorted(_anchors(values, period), key=lambda anchor: -anchor[0])[:MOST_ANCHORS]
+    best: Aligned | None = None
+    most = -1
+    for merit, at in anchors:
+        if merit < max(LEAST_ANCHORED, NEARLY_BEST * anchors[0][0]):
+            break
+        starts = _in_step(at, period)
+        starts = starts[starts + period <= len(values)][:MOST_ROWS]
+        if len(starts) < max(LEAST_PACKETS, 0 if best is None else AS_MANY * len(best.rows)):
+            continue  # what stays the same in part of the packets is no header
+        rows = values[starts[:, None] + np.arange(period)]
+        same = np.count_nonzero(constant_places(rows))
+        if same > most:
+            best, most = Aligned(rows, starts), same
+    return best
+
+
+def constant_places(rows: ByteArray) -> BoolArray:
+    """Return which bytes are the same in nearly all rows."""
+    usual = np.array([np.bincount(column).argmax() for column in rows.T])
+    return np.asarray((rows == usual).mean(axis=0) >= CONSTANT)
+
+
+def _anchors(values: ByteArray, period: int) -> list[tuple[float, IntArray]]:
+    """Return groups of bytes that are found again a period later: their merit and their places."""
     packets = len(values) / period
-    best: tuple[float, IntArray] | None = None
+    anchors: list[tuple[float, IntArray]] = []
     codes = np.zeros(len(values), np.int64)
     for length in range(1, min(LONGEST_ANCHOR, period) + 1):
         last = len(values) - length + 1
@@ -110,16 +139,8 @@ def align(data: bytes, period: int) -> Aligned | None:
             at = np.flatnonzero(codes == code)
             share = min(1.0, (count + 1) / packets)
             merit = share * min(1.0, (count + 1) / len(at)) * (1.0 + 0.02 * length)
-            if best is None or merit > best[0] + 1e-9:
-                best = merit, at
-    if best is None or best[0] < LEAST_ANCHORED:
-        return None
-    starts = _in_step(best[1], period)
-    starts = starts[starts + period <= len(values)][:MOST_ROWS]
-    if len(starts) < LEAST_PACKETS:
-        return None
-    rows = values[starts[:, None] + np.arange(period)]
-    return Aligned(rows, starts)
+            anchors.append((merit, at))
+    return anchors
 
 
 def _in_step(at: IntArray, period: int) -> IntArray:

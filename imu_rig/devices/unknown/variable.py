@@ -91,25 +91,26 @@ def _walked(data: bytes, header: bytes, at: IntArray, place: int) -> VariableFra
     places = at.tolist()
     begins = set(places)
     lengths: Counter[int] = Counter()
-    linked, position = 0, places[0]
+    frames, position = 0, places[0]
     while position + place < len(data):
         length = data[position + place] + overhead
         following = position + length
         if following >= len(data):
             break
-        lengths[length] += 1
+        frames += 1
         if following in begins:
-            linked += 1
+            lengths[length] += 1
         else:  # something was lost or damaged: go on where a frame may begin
             next_place = bisect_left(places, position + 1)
             if next_place == len(places):
                 break
             following = places[next_place]
         position = following
-    frames = sum(lengths.values())
+    # what led nowhere is no length: it may be a measurement behind a byte that never changes
+    linked = sum(lengths.values())
     if frames < LEAST_FRAMES or linked < LINKED * frames or len(lengths) < LEAST_LENGTHS:
         return None
-    if max(lengths.values()) > (1 - LEAST_OTHERS) * frames:
+    if max(lengths.values()) > (1 - LEAST_OTHERS) * linked:
         return None
     share = sum(length * count for length, count in lengths.items()) / len(data)
     if share < 0.5:
