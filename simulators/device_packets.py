@@ -16,6 +16,7 @@ from firmware_protocols.ms5803 import counts_for
 from firmware_protocols.packets import encode, quantize
 from imu_rig.arrays import FloatArray
 from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, STANDARD_GRAVITY
+from simulators.mma7260 import NOMINAL_SUPPLY_V
 from simulators.ms5803_chip import typical_prom
 
 LOOP_S = 8.0
@@ -29,9 +30,15 @@ PUSHES = ((1.5, 8), (0.8, 16), (2.5, 16))
 
 FIELD_UT = (18.0, 0.0, -44.0)
 NOISE = {"accel": 0.02, "gyro": 0.002, "mag": 0.3}  # m/s^2, rad/s, uT, standard deviations
-SUPPLY_NAMES = ("battery", "supply", "voltage")
-FULL_V, FALL_V_PER_H = 4.15, 0.06
+CELL_NAMES = ("battery", "voltage")
+FULL_V, FALL_V_PER_H = 4.15, 0.06  # of a lithium cell
 FALL_PERCENT_PER_H = 8.0
+
+RAIL_NAME = "supply"
+"""What a board calls what feeds its sensor: it is regulated and does not fall."""
+
+RAIL_V = 5.0  # as an ADIS16405 has it
+RAILS_V = {"waist-unit.accel": NOMINAL_SUPPLY_V}  # of layouts, where it is another
 
 PRESSURE_UNITS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1000.0, "bar": 1e5}
 
@@ -71,8 +78,11 @@ class DevicePackets:
             elif field.name == layout.clock:
                 ticks = np.floor((self._clock_s + made_s) / layout.clock_tick_s + 0.5)
                 columns[field.name] = ticks.astype(np.int64) % (field.limits[1] + 1)
-            elif field.name in SUPPLY_NAMES and field.count == 1:
-                columns[field.name] = quantize(layout, field.name, _supply(field, made_s))
+            elif field.name in CELL_NAMES and field.count == 1:
+                columns[field.name] = quantize(layout, field.name, _cell(field, made_s))
+            elif field.name == RAIL_NAME and field.count == 1:
+                rail = np.full(number, RAILS_V.get(layout.name, RAIL_V))
+                columns[field.name] = quantize(layout, field.name, _in_unit(field, rail))
             elif field.type != "pad":
                 loop = self._loop[field.name]
                 columns[field.name] = loop[numbers % len(loop)]
@@ -179,9 +189,12 @@ def _values(field: Field, motion: dict[str, FloatArray], turn: FloatArray) -> Fl
             return None
 
 
-def _supply(field: Field, since_s: FloatArray) -> FloatArray:
+def _cell(field: Field, since_s: FloatArray) -> FloatArray:
     hours = since_s / 3600.0
     if field.unit == "%":
         return np.maximum(0.0, 98.0 - FALL_PERCENT_PER_H * hours)
-    volts: FloatArray = np.maximum(3.3, FULL_V - FALL_V_PER_H * hours)
+    return _in_unit(field, np.maximum(3.3, FULL_V - FALL_V_PER_H * hours))
+
+
+def _in_unit(field: Field, volts: FloatArray) -> FloatArray:
     return volts * {"mV": 1000.0}.get(field.unit, 1.0)

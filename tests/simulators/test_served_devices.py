@@ -9,6 +9,7 @@ import pytest
 import serial
 
 from firmware_protocols.decoder import StreamDecoder
+from firmware_protocols.known import load_protocol
 from firmware_protocols.layout import PacketLayout, load_layout
 from firmware_protocols.maestro import GetPosition, SetTarget, encode
 from firmware_protocols.packets import counts, values
@@ -232,6 +233,16 @@ def test_a_barometer_tells_of_air_and_of_its_battery():
     assert np.abs(values(BARO, first, "pressure") - 101_325).max() < 100
     assert 20 < values(BARO, first, "temperature").mean() < 40
     assert values(BARO, first, "battery")[0] - values(BARO, later, "battery")[0] > 20
+
+
+@pytest.mark.parametrize(
+    ("protocol", "stream", "volts"), [("adis16405-36", "", 5.0), ("waist-unit", "accel", 3.3)]
+)
+def test_boards_are_fed_what_their_chips_run_on(protocol, stream, volts):
+    layout = load_protocol(protocol).streams[stream]
+    rows = decoded(layout, DevicePackets(layout, 100.0, seed=1).make(3_600_000, 200))
+    unit = {"V": 1.0, "mV": 1e-3}[layout.field("supply").unit]
+    assert unit * values(layout, rows, "supply") == pytest.approx(volts, abs=0.01)
 
 
 def test_a_layout_without_a_rate_needs_one():
