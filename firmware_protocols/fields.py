@@ -29,10 +29,11 @@ BYTE_ORDERS = {"little": "<", "big": ">"}
 
 _AXIS = re.compile(r"[+-][xyz]")
 _FIELD_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
-_FAULT_NAME = re.compile(r"[^\x00-\x1f\x7f-\x9f]{1,80}")
 _RESERVED = ("header", "checksum")
 
 MAX_SCALES = 16
+MAX_UNIT = 32
+MAX_FAULT = 80
 
 
 class LayoutError(ValueError):
@@ -104,8 +105,7 @@ class Field:
             raise LayoutError(f"{where}: count must be 1 to {MAX_PACKET_BYTES}.")
         if self.byte_order is not None:
             check_byte_order(where, self.byte_order)
-        if len(self.unit) > 32:
-            raise LayoutError(f"{where}: unit is longer than 32 letters.")
+        check_text(f"{where}: unit", self.unit, MAX_UNIT)
         if not (math.isfinite(self.counts_per_unit) and self.counts_per_unit != 0):
             raise LayoutError(f"{where}: counts_per_unit must be a finite number other than 0.")
         if not math.isfinite(self.zero):
@@ -126,7 +126,7 @@ class Field:
         for name, bit in named:
             if not 0 <= bit < self.bits:
                 raise LayoutError(
-                    f"{where}: bit {bit} of {quote(name)} is not 0 to {self.bits - 1}."
+                    f"{where}: bit {quote(bit)} of {quote(name)} is not 0 to {self.bits - 1}."
                 )
         for name, _ in self.flags:
             if not _FIELD_NAME.fullmatch(name):
@@ -134,11 +134,9 @@ class Field:
                     f"{where}: the flag {quote(name)} cannot be used: take a lower-case word."
                 )
         for name, _ in self.faults:
-            if not _FAULT_NAME.fullmatch(name):
-                raise LayoutError(
-                    f"{where}: the fault {quote(name)} cannot be used: take up to 80 printable "
-                    "letters."
-                )
+            if not name:
+                raise LayoutError(f"{where}: a fault must have a name.")
+            check_text(f"{where}: the fault {quote(name)}", name, MAX_FAULT)
 
     def _check_scales(self, where: str) -> None:
         if (self.scale_by is None) != (not self.scales) or len(self.scales) > MAX_SCALES:
@@ -216,7 +214,21 @@ def check_byte_order(where: str, order: str) -> None:
         raise LayoutError(f'{where}: byte order {quote(order)} must be "little" or "big".')
 
 
+def check_text(where: str, text: str, greatest: int) -> None:
+    """Raise :class:`LayoutError` for a text that is too long, or that a screen would obey."""
+    if len(text) > greatest:
+        raise LayoutError(f"{where} is longer than {greatest} letters.")
+    if not text.isprintable():
+        raise LayoutError(
+            f"{where} holds letters that cannot be printed; write it without line ends, control "
+            "characters and spaces other than the plain one."
+        )
+
+
 def quote(text: object) -> str:
-    """Return a text in quotes for an error sentence, cut short where it is long."""
-    shown = repr(text)
+    """Return a value in quotes for an error sentence, cut short where it is long."""
+    try:
+        shown = repr(text)
+    except (ValueError, RecursionError):  # a number of thousands of digits, lists without end
+        return f"(a value too long to show, {type(text).__name__})"
     return shown if len(shown) <= 60 else f"{shown[:57]}..."

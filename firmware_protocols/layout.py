@@ -8,16 +8,18 @@ written as a small TOML file; files are not trusted, and every mistake in one is
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
+from firmware_protocols.descriptions import check_keys, number, take
 from firmware_protocols.fields import (
     BYTE_ORDERS,
     MAX_PACKET_BYTES,
@@ -29,7 +31,7 @@ from firmware_protocols.fields import (
     quote,
 )
 from firmware_protocols.protocol import Decoder, DeviceProtocol
-from firmware_protocols.rows import MAX_FIELDS, Barometer, RowLayout
+from firmware_protocols.rows import MAX_FIELDS, MAX_NAME, Barometer, RowLayout
 
 __all__ = [
     "DEFAULT_LAYOUT_NAME",
@@ -47,7 +49,7 @@ MAX_HEADER_BYTES = 64
 MAX_FILE_BYTES = 1 << 16
 MAX_DOTS = 32  # in one line; a key of thousands of parts keeps its reader busy for ever
 
-_T = TypeVar("_T")
+_WHOLE_NUMBER = re.compile(r"-?[0-9]{1,11}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +232,7 @@ def read_description(path_or_name: str | Path) -> tuple[dict[str, Any], str]:
         if not path.is_file():
             raise LayoutError(
                 f"{path}: there is no such layout file, and no built-in layout of that name "
-                f"(built in: {', '.join(builtin_names())})."
+                f"({_meant(path.name)}built in: {', '.join(builtin_names())})."
             )
         with path.open("rb") as file:
             text = file.read(MAX_FILE_BYTES + 1)
@@ -249,6 +251,14 @@ def builtin_names() -> list[str]:
     return sorted(e.name.removesuffix(".toml") for e in entries if e.name.endswith(".toml"))
 
 
+def _meant(name: str) -> str:
+    """Return the question after a built-in name that was perhaps misspelt; nothing for others."""
+    from difflib import get_close_matches  # for the one who errs
+
+    close = get_close_matches(name[:MAX_NAME].removesuffix(".toml"), builtin_names(), n=1)
+    return f"did you mean {close[0]}? " if close else ""
+
+
 def _parse(text: bytes, source: str) -> tuple[dict[str, Any], str]:
     if any(line.count(b".") > MAX_DOTS for line in text.split(b"\n")):
         raise LayoutError(f"{source}: a line has more than {MAX_DOTS} dots.")
@@ -260,49 +270,49 @@ def _parse(text: bytes, source: str) -> tuple[dict[str, Any], str]:
 
 def _layout_from(data: Mapping[str, Any]) -> PacketLayout:
     known = {f.name for f in fields(PacketLayout)}
-    _check_keys("the layout", data, known)
-    listed = _take("the layout", data, "fields", list, [])
+    check_keys("the layout", data, known)
+    listed = take("the layout", data, "fields", list, [])
     if len(listed) > MAX_FIELDS:
         raise LayoutError(f"fields must list 1 to {MAX_FIELDS} fields.")
     return PacketLayout(
-        name=_take("the layout", data, "name", str),
-        title=_take("the layout", data, "title", str, ""),
-        byte_order=_take("the layout", data, "byte_order", str, "little"),
-        header=_header(_take("the layout", data, "header", str, "")),
-        fields=tuple(_field_from(number, entry) for number, entry in enumerate(listed, start=1)),
-        barometer=_barometer_from(_take("the layout", data, "barometer", dict, None)),
-        checksum=_checksum_from(_take("the layout", data, "checksum", dict, None)),
-        counter=_take("the layout", data, "counter", str, None),
-        clock=_take("the layout", data, "clock", str, None),
-        clock_tick_s=_number("the layout", data, "clock_tick_s", 1e-6),
-        rate_hz=_number("the layout", data, "rate_hz", None),
+        name=take("the layout", data, "name", str),
+        title=take("the layout", data, "title", str, ""),
+        byte_order=take("the layout", data, "byte_order", str, "little"),
+        header=_header(take("the layout", data, "header", str, "")),
+        fields=tuple(_field_from(place, entry) for place, entry in enumerate(listed, start=1)),
+        barometer=_barometer_from(take("the layout", data, "barometer", dict, None)),
+        checksum=_checksum_from(take("the layout", data, "checksum", dict, None)),
+        counter=take("the layout", data, "counter", str, None),
+        clock=take("the layout", data, "clock", str, None),
+        clock_tick_s=number("the layout", data, "clock_tick_s", 1e-6),
+        rate_hz=number("the layout", data, "rate_hz", None),
     )
 
 
-def _field_from(number: int, entry: Any) -> Field:
+def _field_from(place: int, entry: Any) -> Field:
     if not isinstance(entry, Mapping):
-        raise LayoutError(f"field {number} must be a table with name and type.")
-    where = f"field {number}"
-    name = _take(where, entry, "name", str)
+        raise LayoutError(f"field {place} must be a table with name and type.")
+    where = f"field {place}"
+    name = take(where, entry, "name", str)
     where = f"field {quote(name)}"
-    _check_keys(where, entry, {f.name for f in fields(Field)})
-    axes = _take(where, entry, "axes", list, None)
+    check_keys(where, entry, {f.name for f in fields(Field)})
+    axes = take(where, entry, "axes", list, None)
     if axes is not None and not all(isinstance(a, str) for a in axes):
         raise LayoutError(f"{where}: axes must be a list of texts.")
     return Field(
         name=name,
-        type=_take(where, entry, "type", str),
-        count=_take(where, entry, "count", int, 1),
-        byte_order=_take(where, entry, "byte_order", str, None),
-        unit=_take(where, entry, "unit", str, ""),
-        counts_per_unit=_number(where, entry, "counts_per_unit", 1.0),
-        zero=_number(where, entry, "zero", 0.0),
+        type=take(where, entry, "type", str),
+        count=take(where, entry, "count", int, 1),
+        byte_order=take(where, entry, "byte_order", str, None),
+        unit=take(where, entry, "unit", str, ""),
+        counts_per_unit=number(where, entry, "counts_per_unit", 1.0),
+        zero=number(where, entry, "zero", 0.0),
         axes=None if axes is None else tuple(axes),
-        low_bits=_take(where, entry, "low_bits", int, None),
-        flags=_bits(where, "flags", _take(where, entry, "flags", dict, {})),
-        faults=_bits(where, "faults", _take(where, entry, "faults", dict, {})),
-        scale_by=_take(where, entry, "scale_by", str, None),
-        scales=_scales(where, _take(where, entry, "scales", dict, {})),
+        low_bits=take(where, entry, "low_bits", int, None),
+        flags=_bits(where, "flags", take(where, entry, "flags", dict, {})),
+        faults=_bits(where, "faults", take(where, entry, "faults", dict, {})),
+        scale_by=take(where, entry, "scale_by", str, None),
+        scales=_scales(where, take(where, entry, "scales", dict, {})),
     )
 
 
@@ -317,80 +327,43 @@ def _scales(where: str, table: Mapping[str, Any]) -> tuple[tuple[int, float], ..
         raise LayoutError(f"{where}: there may be {MAX_SCALES} scales.")
     scales = []
     for key in table:
-        if not (key.lstrip("-").isascii() and key.lstrip("-").isdigit() and len(key) <= 12):
+        if not _WHOLE_NUMBER.fullmatch(key):
             raise LayoutError(
                 f"{where}: scales are looked up by a whole number, not by {quote(key)}."
             )
-        scales.append((int(key), _number(f"{where}, scales", table, key, None)))
+        scales.append((int(key), number(f"{where}, scales", table, key)))
     return tuple(scales)
 
 
 def _barometer_from(entry: Mapping[str, Any] | None) -> Barometer | None:
     if entry is None:
         return None
-    _check_keys("barometer", entry, {f.name for f in fields(Barometer)})
+    check_keys("barometer", entry, {f.name for f in fields(Barometer)})
     return Barometer(
-        variant=_take("barometer", entry, "variant", str),
-        prom=_take("barometer", entry, "prom", str, "prom"),
-        d1=_take("barometer", entry, "d1", str, "d1"),
-        d2=_take("barometer", entry, "d2", str, "d2"),
+        variant=take("barometer", entry, "variant", str),
+        prom=take("barometer", entry, "prom", str, "prom"),
+        d1=take("barometer", entry, "d1", str, "d1"),
+        d2=take("barometer", entry, "d2", str, "d2"),
     )
 
 
 def _checksum_from(entry: Mapping[str, Any] | None) -> Checksum | None:
     if entry is None:
         return None
-    _check_keys("checksum", entry, {f.name for f in fields(Checksum)})
-    kind = _take("checksum", entry, "kind", str)
-    start = _take("checksum", entry, "start", int, 0)
-    order = _take("checksum", entry, "byte_order", str, None)
+    check_keys("checksum", entry, {f.name for f in fields(Checksum)})
+    kind = take("checksum", entry, "kind", str)
+    start = take("checksum", entry, "start", int, 0)
+    order = take("checksum", entry, "byte_order", str, None)
     return None if kind == "none" else Checksum(kind, start, order)
 
 
 def _header(text: str) -> bytes:
     try:
-        return bytes.fromhex(text[: 4 * MAX_HEADER_BYTES])
+        return bytes.fromhex(text)
     except ValueError:
         raise LayoutError(
             f'header {quote(text)} is not hexadecimal; write bytes such as "A5 5A".'
         ) from None
-
-
-def _check_keys(where: str, entry: Mapping[str, Any], known: set[str]) -> None:
-    for key in entry:
-        if key not in known:
-            raise LayoutError(
-                f"{where}: the key {quote(key)} is not known (known: {', '.join(sorted(known))})."
-            )
-
-
-_REQUIRED: Any = object()
-_KIND_NAMES = {str: "text", int: "a whole number", list: "a list", dict: "a table"}
-
-
-def _take(
-    where: str, entry: Mapping[str, Any], key: str, kind: type[_T], default: Any = _REQUIRED
-) -> Any:
-    value = entry.get(key, default)
-    if value is _REQUIRED:
-        raise LayoutError(f"{where}: the key {key!r} is missing.")
-    if value is default:
-        return value
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise LayoutError(f"{where}: {key} must be {_KIND_NAMES[kind]}.")
-    return value
-
-
-def _number(where: str, entry: Mapping[str, Any], key: str, default: float | None) -> Any:
-    value = entry.get(key, default)
-    if value is default:
-        return value
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise LayoutError(f"{where}: {key} must be a number.")
-    try:
-        return float(value)
-    except OverflowError:
-        raise LayoutError(f"{where}: {key} is too large a number.") from None
 
 
 def toml_lines(values: Mapping[str, Any]) -> list[str]:
@@ -399,15 +372,13 @@ def toml_lines(values: Mapping[str, Any]) -> list[str]:
 
 
 def _toml(value: Any) -> str:
-    """Write a value as JSON does, but for a few letters: TOML and UTF-8 know fewer of them."""
+    """Write a value as JSON does; every text in a layout is printable."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{_toml(k)} = {_toml(v)}' for k, v in value.items())} }}"
     if not isinstance(value, str):
         return json.dumps(value)
-    text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if text.count(".") > MAX_DOTS:
-        text = text.replace(".", "\\u002e")
-    return text.encode("utf-8", "replace").decode("utf-8")
+    text = json.dumps(value, ensure_ascii=False)
+    return text.replace(".", "\\u002e") if text.count(".") > MAX_DOTS else text
 
 
 def _without_defaults(value: Field | Barometer | Checksum) -> dict[str, Any]:
@@ -418,6 +389,6 @@ def _without_defaults(value: Field | Barometer | Checksum) -> dict[str, Any]:
         if entry == f.default:
             continue
         if f.name in ("flags", "faults", "scales"):
-            entry = {str(key): number for key, number in entry}
+            entry = {str(key): value for key, value in entry}
         result[f.name] = list(entry) if f.name == "axes" else entry
     return result

@@ -7,7 +7,6 @@ fills rows of its own.
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,13 +19,19 @@ from firmware_protocols.fields import (
     Field,
     LayoutError,
     check_byte_order,
+    check_text,
     quote,
 )
 
 MAX_FIELDS = 256
 
-PROTOCOL_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+MAX_NAME = 64
+PROTOCOL_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{MAX_NAME - 1}}}")
 MAX_TITLE = 200
+
+RATES_HZ = (1e-4, 1e6)
+TICKS_S = (1e-12, 1e4)
+"""Least and greatest rate and clock tick: beyond them times lose their digits or become NaN."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +91,9 @@ class RowLayout:
         self._check_fields()
         self._check_counting_field("counter", self.counter)
         self._check_counting_field("clock", self.clock)
-        if not (math.isfinite(self.clock_tick_s) and self.clock_tick_s > 0):
-            raise LayoutError("clock_tick_s must be a finite number of seconds above 0.")
-        if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise LayoutError("rate_hz must be a finite number above 0.")
+        _check_range("clock_tick_s", self.clock_tick_s, TICKS_S)
+        if self.rate_hz is not None:
+            _check_range("rate_hz", self.rate_hz, RATES_HZ)
         if self.barometer is not None:
             self._check_barometer(self.barometer)
 
@@ -204,5 +208,10 @@ def check_names(name: str, title: str) -> None:
             f"name {quote(name)} cannot be used: take up to 64 letters, digits, dots, "
             "hyphens and underscores."
         )
-    if len(title) > MAX_TITLE:
-        raise LayoutError(f"title is longer than {MAX_TITLE} letters.")
+    check_text("title", title, MAX_TITLE)
+
+
+def _check_range(key: str, value: float, limits: tuple[float, float]) -> None:
+    least, greatest = limits
+    if not least <= value <= greatest:  # nor NaN
+        raise LayoutError(f"{key} must be a number from {least:g} to {greatest:g}.")

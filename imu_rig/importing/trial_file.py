@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from firmware_protocols.fields import Checksum, Field
+from firmware_protocols.fields import MAX_UNIT, Checksum, Field
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import encode
+from firmware_protocols.rows import RATES_HZ
 from imu_rig import __version__
 from imu_rig.arrays import AnyArray, FloatArray, IntArray
 from imu_rig.blocks import Samples
@@ -226,7 +227,9 @@ def _source(name: str, kind: str, samples: Samples) -> _Source:
     fields = [Field("seq", "u32"), Field("time_us", "u32", unit="us")]
     for field, numbers in samples.values.items():
         count = 1 if numbers.ndim == 1 else numbers.shape[1]
-        fields.append(Field(field, "f64", count, unit=samples.units.get(field, "")[:32]))
+        unit = samples.units.get(field, "")[:MAX_UNIT]
+        fields.append(Field(field, "f64", count, unit=unit if unit.isprintable() else ""))
+    rate_hz = 1.0 / float(np.median(steps)) if len(steps) else 0.0
     layout = PacketLayout(
         name="imported",
         title="Samples read from a file of another program",
@@ -237,7 +240,7 @@ def _source(name: str, kind: str, samples: Samples) -> _Source:
         counter="seq",
         clock="time_us",
         clock_tick_s=TICK_S,
-        rate_hz=1.0 / float(np.median(steps)) if len(steps) else None,
+        rate_hz=rate_hz if RATES_HZ[0] <= rate_hz <= RATES_HZ[1] else None,
     )
     counter = samples.counter
     return _Source(name, kind, samples, layout, counted(samples.t) if counter is None else counter)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocols.checksums import SIZES
-from firmware_protocols.known import builtin_protocols, load_protocol
+from firmware_protocols.known import builtin_protocols, load_protocol, protocol_from_dict
 from firmware_protocols.layout import (
     DEFAULT_LAYOUT_NAME,
     MAX_FILE_BYTES,
@@ -21,6 +21,7 @@ from firmware_protocols.layout import (
     PacketLayout,
     load_layout,
 )
+from firmware_protocols.rows import RATES_HZ, TICKS_S
 
 SMALL = """
 name = "lab-7"
@@ -65,6 +66,7 @@ def layouts(draw):
     """Any layout that is allowed."""
     orders = st.none() | st.sampled_from(["little", "big"])
     positive = st.floats(min_value=1e-9, max_value=1e9)
+    printable = st.characters(exclude_categories=["C", "Z"]) | st.just(" ")
     fields = []
     for name in draw(st.lists(names("abcxyz_09", 8), min_size=1, max_size=6, unique=True)):
         kind = draw(st.sampled_from(sorted(TYPE_SIZES)))
@@ -89,37 +91,49 @@ def layouts(draw):
         checksum = Checksum(draw(st.sampled_from(sorted(SIZES))), len(header), draw(orders))
     return PacketLayout(
         name=draw(names("abcXYZ019", 10)),
-        title=draw(st.text(max_size=30)),
+        title=draw(st.text(printable, max_size=30)),
         byte_order=draw(st.sampled_from(["little", "big"])),
         header=header,
         fields=tuple(fields),
         checksum=checksum,
         counter=draw(st.sampled_from(counting)) if counting else None,
         clock=draw(st.sampled_from(counting)) if counting else None,
-        clock_tick_s=draw(positive),
-        rate_hz=draw(st.none() | positive),
+        clock_tick_s=draw(st.floats(*TICKS_S)),
+        rate_hz=draw(st.none() | st.floats(*RATES_HZ)),
     )
 
 
+@settings(max_examples=70)
 @given(layouts())
-def test_plain_data_hold_the_whole_layout(layout):
+def test_plain_data_and_a_file_hold_the_whole_layout(layout):
     again = PacketLayout.from_dict(json.loads(json.dumps(layout.to_dict())))
     assert again == layout
     assert again.dtype == layout.dtype
-
-
-@given(layouts())
-def test_the_text_of_a_layout_is_a_file_of_it(layout):
-    again = PacketLayout.from_dict(tomllib.loads(layout.to_toml()))
-    assert again == layout
+    assert PacketLayout.from_dict(tomllib.loads(layout.to_toml())) == layout
 
 
 def test_a_layout_is_written_and_loaded_with_any_title(load):
-    layout = replace(load_layout(DEFAULT_LAYOUT_NAME), title="dots " + 100 * "." + ' "\\\n\x7f')
+    layout = replace(load_layout(DEFAULT_LAYOUT_NAME), title="dots " + 100 * "." + ' "\\ µ°')
     assert load(layout.to_toml()) == layout
-    assert load(replace(layout, title="half \ud800").to_toml()).title == "half ?"
 
 
+@pytest.mark.parametrize("letter", ["\x1b", "\n", "\x7f", "\ud800", "\u202e", "\u2028", "\xa0"])
+def test_what_a_screen_would_obey_is_no_text_of_a_layout(letter):
+    """Of every text that a person may choose freely, in a file or in a program."""
+    layout, text = load_layout(DEFAULT_LAYOUT_NAME), f"a{letter}b"
+    with pytest.raises(LayoutError, match="title holds letters that cannot be printed"):
+        replace(layout, title=text)
+    with pytest.raises(LayoutError, match="field 'a': unit holds letters that cannot be printed"):
+        Field("a", "u8", unit=text)
+    with pytest.raises(LayoutError, match=r"the fault 'a.*b' holds letters that cannot") as caught:
+        Field("a", "u8", faults=((text, 1),))
+    assert str(caught.value).isprintable()
+    for described in ({"kind": "mavlink"}, {"kind": "xsens-mti", "outputs": ["4020"]}):
+        with pytest.raises(LayoutError, match="title holds letters that cannot be printed"):
+            protocol_from_dict({**described, "name": "x", "title": text})
+
+
+@settings(max_examples=50)
 @given(layouts())
 def test_row_type_has_no_gaps(layout):
     assert layout.dtype.itemsize == layout.length
@@ -193,13 +207,17 @@ def test_checksum_none_is_none(load):
         ('header = "7E"', 'header = ""', "header must have 1 to 64 bytes"),
         ('header = "7E"', 'header = "7"', "header '7' is not hexadecimal"),
         ('header = "7E"', f'header = "{"7E" * 65}"', "header must have 1 to 64 bytes"),
+        ('header = "7E"', f'header = "7E{" " * 300}x"', "header '7E .* is not hexadecimal"),
         ('counter = "n"', 'counter = "m"', "counter names the field 'm', which is not among"),
         ('counter = "n"', 'counter = "accel"', "counter names .*must be one unsigned integer"),
         ('counter = "n"', 'clock = "accel"', "clock names .*must be one unsigned integer"),
-        ('counter = "n"', "clock_tick_s = 0", "clock_tick_s must be a finite number of seconds"),
+        ('counter = "n"', "clock_tick_s = 0", "clock_tick_s must be a number from 1e-12"),
         ('counter = "n"', "clock_tick_s = true", "clock_tick_s must be a number"),
-        ('counter = "n"', "rate_hz = -1", "rate_hz must be a finite number above 0"),
-        ('counter = "n"', "rate_hz = nan", "rate_hz must be a finite number above 0"),
+        ('counter = "n"', "clock_tick_s = 1e308", "clock_tick_s must be a number from .* to 10000"),
+        ('counter = "n"', "rate_hz = -1", "rate_hz must be a number from 0.0001 to 1e.06"),
+        ('counter = "n"', "rate_hz = nan", "rate_hz must be a number from"),
+        ('counter = "n"', "rate_hz = 5e-324", "rate_hz must be a number from"),
+        ('counter = "n"', "rate_hz = 1e308", "rate_hz must be a number from"),
         ('counter = "n"', f"rate_hz = 1{'0' * 400}", "rate_hz is too large a number"),
         ('counter = "n"', f"rate_hz = 1{'0' * 9000}", "not a TOML file"),
         ('counter = "n"', 'byte_order = "middle"', "byte order 'middle' must be"),
@@ -248,9 +266,58 @@ def test_mistakes_are_named(load, old, new, sentence):
     assert len(str(caught.value)) < 700
 
 
+HUGE = (1 << 20_000) - 1
+"""A number with more digits than Python writes."""
+
+
+@pytest.mark.parametrize(
+    ("field", "sentence"),
+    [
+        ({"faults": {"low": HUGE}}, "bit .* of 'low' is not 0 to 15"),
+        ({"flags": {"low": -HUGE}}, "bit .* of 'low' is not 0 to 15"),
+        ({"scale_by": "a", "scales": {"4": None}}, "scales: 4 must be a number"),
+        ({"scale_by": "a", "scales": {"--5": 1.0}}, "by a whole number, not by '--5'"),
+        ({"scale_by": "a", "scales": {"\u00b2": 1.0}}, "by a whole number"),
+        ({"count": HUGE}, "count must be 1 to 4096"),
+        ({"zero": HUGE}, "zero is too large"),
+        ({"low_bits": HUGE}, "low_bits must be 1 to 16"),
+        ({"type": [HUGE]}, "type must be text"),
+    ],
+    ids=range(9),
+)
+def test_values_that_cannot_be_worked_with_are_refused_in_words(field, sentence):
+    data = {"name": "x", "header": "A5", "fields": [{"name": "a", "type": "u16", **field}]}
+    with pytest.raises(LayoutError, match=sentence) as caught:
+        PacketLayout.from_dict(data)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("kind", [HUGE, [HUGE], {"a": HUGE}], ids=["number", "list", "table"])
+def test_a_kind_that_cannot_be_shown_is_refused_in_words(kind):
+    with pytest.raises(LayoutError, match=r"the kind \(a value too long to show"):
+        protocol_from_dict({"kind": kind})
+
+
+def test_blanks_between_the_bytes_of_a_header_are_nothing():
+    data = {"name": "x", "header": f"A5{' ' * 300}62", "fields": [{"name": "a", "type": "u16"}]}
+    assert PacketLayout.from_dict(data).header == b"\xa5\x62"
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("xsens-mit", "xsens-mti"), ("mavlink_highres", "mavlink-highres"), ("baro.toml", "baro-16")],
+)
+def test_a_misspelt_name_is_asked_back(name, meant):
+    with pytest.raises(LayoutError, match=rf"did you mean {meant}\? built in: adis16405-36"):
+        load_protocol(name)
+
+
 def test_missing_file_is_named_with_what_there_is(tmp_path):
     with pytest.raises(LayoutError, match=r"nowhere\.toml: there is no such .*mpu9150-28"):
         load_layout(tmp_path / "nowhere.toml")
+    with pytest.raises(LayoutError) as caught:
+        load_layout("shoe" * 10_000)
+    assert "did you mean" not in str(caught.value)
     with pytest.raises(LayoutError, match="no built-in layout of that name"):
         load_layout("mpu9150-29")
     with pytest.raises(LayoutError):
@@ -297,11 +364,12 @@ SCALARS = st.one_of(
 TREES = st.recursive(
     SCALARS,
     lambda t: st.lists(t, max_size=4) | st.dictionaries(st.sampled_from(KEYS), t, max_size=6),
-    max_leaves=20,
+    max_leaves=8,
 )
 
 
-@given(st.dictionaries(st.sampled_from(KEYS), TREES))
+@settings(max_examples=60)
+@given(st.dictionaries(st.sampled_from(KEYS), TREES, max_size=6))
 def test_arbitrary_data_are_a_layout_or_a_layout_error(data):
     try:
         layout = PacketLayout.from_dict(data)
