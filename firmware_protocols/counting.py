@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from firmware_protocols.protocol import DecodeStats
+
 Numbers = npt.NDArray[np.int64]
 AnyArray = npt.NDArray[Any]
 
@@ -50,6 +52,12 @@ class SequenceCounter:
         self._newest_row: AnyArray = np.empty(0, dtype=np.uint8)
         self._seen = 0  # bit k: the number k behind the newest was there
         self._missing = 0  # bit k: it was counted as lost
+
+    @property
+    def stats(self) -> DecodeStats:
+        """What was counted so far."""
+        counted = (self.lost, self.duplicates, self.reordered)
+        return DecodeStats(0, 0, 0, *counted)
 
     def add(self, numbers: Numbers, rows: AnyArray) -> None:
         """Count the next packets.

@@ -13,11 +13,9 @@ from firmware_protocols.framing import find_many, find_short, rows_at
 from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts
 from firmware_protocols.protocol import DecodeStats, Packets
+from firmware_protocols.undecided import PIECE_BYTES, Undecided, pieces
 
-__all__ = ["DecodeStats", "Packets", "SingleDecoder", "StreamDecoder"]
-
-PIECE_BYTES = 1 << 20
-"""Longer input is worked through in pieces of this size: temporary memory stays bounded."""
+__all__ = ["PIECE_BYTES", "DecodeStats", "Packets", "SingleDecoder", "StreamDecoder"]
 
 SHORT_BYTES = 1024
 """Up to here plain Python is quicker than arrays."""
@@ -35,12 +33,8 @@ class StreamDecoder:
 
     def __init__(self, layout: PacketLayout) -> None:
         self.layout = layout
-        self._tail = b""
-        self._tail_offset = 0  # where the tail begins in the stream
+        self._undecided = Undecided()
         self._packet_end = -1  # where the last packet ended in the stream
-        self._good = 0
-        self._corrupt = 0
-        self._skipped = 0
         self._sequence: SequenceCounter | None = None
         if layout.counter is not None:
             self._sequence = SequenceCounter(1 << layout.field(layout.counter).number_bits)
@@ -48,25 +42,17 @@ class StreamDecoder:
     @property
     def pending(self) -> int:
         """Bytes received but not decided yet: fewer than a packet and a header."""
-        return len(self._tail)
+        return len(self._undecided.tail)
 
     @property
     def stats(self) -> DecodeStats:
         """Statistics of everything decided so far."""
-        lost = duplicates = reordered = 0
-        if self._sequence is not None:
-            lost = self._sequence.lost
-            duplicates = self._sequence.duplicates
-            reordered = self._sequence.reordered
-        return DecodeStats(self._good, self._corrupt, self._skipped, lost, duplicates, reordered)
+        stats = self._undecided.stats
+        return stats if self._sequence is None else stats + self._sequence.stats
 
     def feed(self, data: bytes | bytearray | memoryview) -> Packets:
         """Return the packets that these next bytes of the stream complete."""
-        view = memoryview(data).cast("B")
-        parts = [
-            self._feed_piece(view[start : start + PIECE_BYTES])
-            for start in range(0, len(view), PIECE_BYTES)
-        ]
+        parts = [self._feed_piece(piece) for piece in pieces(data)]
         if len(parts) == 1:
             rows, end = parts[0]
         elif parts:
@@ -79,28 +65,26 @@ class StreamDecoder:
     def cut(self) -> None:
         """Let no packet lie on both sides of here: something may be missing before what comes.
 
-        Whole packets stay, also one that waits for the header behind it.
+        Whole packets stay, also one that waits for the rest of the header behind it.
         """
-        if len(self._tail) != self.layout.length:
-            self._skipped += len(self._tail)
-            self._tail_offset += len(self._tail)
-            self._tail = b""
+        behind = self._undecided.tail[self.layout.length :]
+        goes_on = self.layout.header.startswith(behind)
+        self._undecided.cut(self.layout.length if goes_on else None)
 
     def _feed_piece(self, piece: memoryview) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int64]]:
-        joined = b"".join((self._tail, piece))
+        joined = self._undecided.joined(piece)
         data = np.frombuffer(joined, dtype=np.uint8)
-        in_sync = self._packet_end == self._tail_offset
+        offset = self._undecided.offset
+        in_sync = self._packet_end == offset
         if len(joined) <= SHORT_BYTES:
             found = find_short(self.layout, joined, in_sync=in_sync)
         else:
             found = find_many(self.layout, data, in_sync=in_sync)
         rows = rows_at(data, found.starts, self.layout.length)
-        end = found.starts + (self._tail_offset + self.layout.length)
-        self._good += len(rows)
-        self._corrupt += found.corrupt
-        self._skipped += found.decided - len(rows) * self.layout.length
-        self._tail = joined[found.decided :]
-        self._tail_offset += found.decided
+        end = found.starts + (offset + self.layout.length)
+        self._undecided.decide(
+            joined, found.decided, good=len(rows), taken=rows.size, corrupt=found.corrupt
+        )
         if len(end):
             self._packet_end = int(end[-1])
             self._count(rows)

@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_protocols.counting import SequenceCounter
-from firmware_protocols.decoder import PIECE_BYTES, SHORT_BYTES
+from firmware_protocols.decoder import SHORT_BYTES
+from firmware_protocols.descriptions import take
 from firmware_protocols.fields import LayoutError, quote
 from firmware_protocols.framing import rows_at
 from firmware_protocols.interleaved_framing import Kinds, find_many, find_short
@@ -30,6 +31,7 @@ from firmware_protocols.layout import PacketLayout, toml_lines
 from firmware_protocols.packets import counts
 from firmware_protocols.protocol import DecodeStats, DeviceProtocol, Packets
 from firmware_protocols.rows import RowLayout, check_names
+from firmware_protocols.undecided import Undecided, pieces
 
 MAX_STREAMS = 16
 
@@ -125,22 +127,17 @@ def from_dict(data: Mapping[str, Any]) -> InterleavedProtocol:
     LayoutError
         For anything that is not a usable description; names the stream.
     """
-    for key, kind in (("name", str), ("title", str), ("streams", list)):
-        if key == "title" and key not in data:
-            continue
-        if not isinstance(data.get(key), kind):
-            what = "a list of tables, each under [[streams]]" if kind is list else "a text"
-            raise LayoutError(f"{key} must be {what}.")
-    check_names(data["name"], data.get("title", ""))
-    entries = data["streams"]
+    name = take("the layout", data, "name", str)
+    title = take("the layout", data, "title", str, "")
+    check_names(name, title)
+    entries = take("the layout", data, "streams", list)
     if len(entries) > MAX_STREAMS:
         raise LayoutError(f"streams must list 1 to {MAX_STREAMS} streams.")
     shared = {key: value for key, value in data.items() if key not in _OWN_KEYS}
     layouts = tuple(
-        _stream_from(number, entry, shared, data["name"])
-        for number, entry in enumerate(entries, start=1)
+        _stream_from(number, entry, shared, name) for number, entry in enumerate(entries, start=1)
     )
-    return InterleavedProtocol(data["name"], data.get("title", ""), layouts)
+    return InterleavedProtocol(name, title, layouts)
 
 
 def _stream_from(
@@ -176,35 +173,23 @@ class InterleavedDecoder:
         self._names = [name for name, _ in protocol.layouts]
         self._kinds = Kinds(tuple(layout for _, layout in protocol.layouts))
         self._sequences = [_sequence(layout) for layout in self._kinds.layouts]
-        self._tail = b""
-        self._tail_offset = 0  # where the tail begins in the stream
+        self._undecided = Undecided()
         self._packet_end = -1  # where the last packet ended in the stream
-        self._good = 0
-        self._corrupt = 0
-        self._skipped = 0
 
     @property
     def pending(self) -> int:
         """Bytes received but not decided yet: fewer than a packet and a header."""
-        return len(self._tail)
+        return len(self._undecided.tail)
 
     @property
     def stats(self) -> DecodeStats:
         """What everything decided so far has held, all streams together."""
-        total = DecodeStats(self._good, self._corrupt, self._skipped)
-        for counter in self._sequences:
-            if counter is not None:
-                counted = (counter.lost, counter.duplicates, counter.reordered)
-                total += DecodeStats(0, 0, 0, *counted)
-        return total
+        counted = [counter.stats for counter in self._sequences if counter is not None]
+        return sum(counted, start=self._undecided.stats)
 
     def feed(self, data: bytes | bytearray | memoryview) -> dict[str, Packets]:
         """Return the packets of each stream that these next bytes complete."""
-        view = memoryview(data).cast("B")
-        parts = [
-            self._feed_piece(view[start : start + PIECE_BYTES])
-            for start in range(0, len(view), PIECE_BYTES)
-        ]
+        parts = [self._feed_piece(piece) for piece in pieces(data)]
         if len(parts) == 1:
             return parts[0]
         by_name: dict[str, list[Packets]] = {}
@@ -216,21 +201,17 @@ class InterleavedDecoder:
     def cut(self) -> None:
         """Let no packet lie on both sides of here: something may be missing before what comes.
 
-        Whole packets stay, also one that waits for the header behind it.
+        Whole packets stay, also one that waits for the rest of the header behind it.
         """
-        kind = next(
-            (k for header, k in self._kinds.by_header.items() if self._tail.startswith(header)),
-            None,
-        )
-        if kind is None or len(self._tail) != self._kinds.layouts[kind].length:
-            self._skipped += len(self._tail)
-            self._tail_offset += len(self._tail)
-            self._tail = b""
+        tail, kinds = self._undecided.tail, self._kinds
+        waiting = [kind for header, kind in kinds.by_header.items() if tail.startswith(header)]
+        self._undecided.cut(kinds.layouts[waiting[0]].length if waiting else None)
 
     def _feed_piece(self, piece: memoryview) -> dict[str, Packets]:
-        joined = b"".join((self._tail, piece))
+        joined = self._undecided.joined(piece)
+        offset = self._undecided.offset
         find = find_short if len(joined) <= SHORT_BYTES else find_many
-        found = find(self._kinds, joined, in_sync=self._packet_end == self._tail_offset)
+        found = find(self._kinds, joined, in_sync=self._packet_end == offset)
         data = np.frombuffer(joined, dtype=np.uint8)
         packets: dict[str, Packets] = {}
         taken_bytes = 0
@@ -239,17 +220,19 @@ class InterleavedDecoder:
             if not len(starts):
                 continue
             rows = rows_at(data, starts, layout.length)
-            ends = starts + (self._tail_offset + layout.length)
+            ends = starts + (offset + layout.length)
             structured = rows.view(layout.dtype).reshape(-1)
             packets[self._names[kind]] = Packets(structured, ends)
             self._packet_end = max(self._packet_end, int(ends[-1]))
             self._count(kind, structured, rows)
             taken_bytes += rows.size
-        self._good += len(found.starts)
-        self._corrupt += found.corrupt
-        self._skipped += found.decided - taken_bytes
-        self._tail = joined[found.decided :]
-        self._tail_offset += found.decided
+        self._undecided.decide(
+            joined,
+            found.decided,
+            good=len(found.starts),
+            taken=taken_bytes,
+            corrupt=found.corrupt,
+        )
         return packets
 
     def _count(self, kind: int, rows: npt.NDArray[np.void], table: npt.NDArray[np.uint8]) -> None:

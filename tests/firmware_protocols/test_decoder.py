@@ -139,7 +139,7 @@ def test_array_form_and_plain_form_find_the_same(name, stream, in_sync):
 def damaged_streams(draw):
     """A seeded run of packets with garbage, cuts, repeats, swaps and flipped bits between them."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    packets = split(mpu_packets(120, seed=int(rng.integers(2**32))))
+    packets = split(mpu_packets(70, seed=int(rng.integers(2**32))))
     pieces = []
     for packet in packets:
         what = rng.choice(
@@ -170,7 +170,7 @@ def flip(data, *bits):
 
 
 @pytest.mark.parametrize("layout", [MPU, BARE], ids=["checksum", "no checksum"])
-@settings(max_examples=10)
+@settings(max_examples=8)
 @given(stream=damaged_streams(), cuts=st.lists(st.integers(0, 2000), max_size=12))
 def test_whole_halves_bytes_and_random_cuts_agree(layout, stream, cuts):
     packets, corrupt, skipped, decided = expected(layout, stream)
@@ -188,8 +188,8 @@ def test_whole_halves_bytes_and_random_cuts_agree(layout, stream, cuts):
 
 def test_a_long_stream_in_one_piece_and_in_many():
     """More than one internal piece, with a packet torn at every place."""
-    packets = split(mpu_packets(90_000))
-    for at in range(0, 90_000, 700):
+    packets = split(mpu_packets(40_000))
+    for at in range(0, 40_000, 700):
         packets[at] = packets[at][: at // 700 % 28]
     stream = b"".join(packets)
     whole, decoder = decode(MPU, stream)
@@ -198,7 +198,8 @@ def test_a_long_stream_in_one_piece_and_in_many():
         again, other = decode(MPU, stream, range(size, len(stream), size))
         assert again == whole
         assert other.stats == decoder.stats
-    assert decoder.stats.lost == len(range(700, 90_000, 700))
+    assert len(stream) > PIECE_BYTES
+    assert decoder.stats.lost == len(range(700, 40_000, 700))
     assert decoder.stats.skipped_bytes + decoder.pending == len(stream) - 28 * len(whole)
 
 
@@ -239,26 +240,26 @@ def test_ten_megabytes_of_noise():
     assert stats.skipped_bytes + decoder.pending == len(noise)
 
 
-def test_ten_megabytes_of_headers_and_noise():
+def test_megabytes_of_headers_and_noise():
     """Every second place a header: as many tries for chance as there can be."""
     rng = np.random.default_rng(4)
-    words = np.where(rng.random(5_000_000) < 0.5, 0x5AA5, rng.integers(0, 65536, 5_000_000))
+    words = np.where(rng.random(1_500_000) < 0.5, 0x5AA5, rng.integers(0, 65536, 1_500_000))
     stream = words.astype("<u2").tobytes()
     decoder = StreamDecoder(MPU)
     for start in range(0, len(stream), 1 << 20):
         decoder.feed(stream[start : start + (1 << 20)])
     stats = decoder.stats
-    assert stats.corrupt > 2_000_000
+    assert stats.corrupt > 600_000
     assert stats.good <= false_packet_bound(stats.corrupt)
     assert stats.skipped_bytes + 28 * stats.good + decoder.pending == len(stream)
 
 
-def test_ten_megabytes_of_mutated_packets():
+def test_mutated_packets():
     """Flips, bursts, dropped, added and repeated bytes: nothing comes out that was not sent."""
     rng = np.random.default_rng(5)
-    packets = split(mpu_packets(360_000, seed=5))
+    packets = split(mpu_packets(60_000, seed=5))
     sent = set(packets)
-    for at in rng.choice(len(packets), 60_000, replace=False).tolist():
+    for at in rng.choice(len(packets), 10_000, replace=False).tolist():
         packet, place = packets[at], int(rng.integers(28))
         match int(rng.integers(5)):
             case 0:
@@ -285,7 +286,7 @@ def test_ten_megabytes_of_mutated_packets():
     assert len(rows) - len(false) >= whole - 2 * len(false)
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.integers(1, 4096), st.integers(0, 2**32), st.booleans())
 def test_the_packet_after_garbage_is_decoded(length, seed, with_headers):
     rng = np.random.default_rng(seed)
@@ -357,6 +358,27 @@ def test_without_checksum_a_lone_packet_waits_for_the_next_header():
     assert len(decoder.feed(stream[30:])) == 1
 
 
+@pytest.mark.parametrize("begun", [0, 1])
+def test_a_whole_packet_stays_at_a_cut_whatever_has_come_of_the_next_header(begun):
+    stream = mpu_packets(3)
+    decoder = StreamDecoder(BARE)
+    decoder.feed(stream[: 28 + begun])
+    decoder.cut()
+    assert decoder.pending == 28
+    packets = decoder.feed(stream[28:])
+    assert packets.rows.tobytes() == stream
+    assert packets.end.tolist() == [28 + begun, 56 + begun, 84 + begun]
+    assert decoder.stats == DecodeStats(good=3, skipped_bytes=begun)
+
+
+def test_a_packet_that_something_else_follows_does_not_outlive_a_cut():
+    decoder = StreamDecoder(BARE)
+    decoder.feed(mpu_packets(1) + b"\x00")
+    decoder.cut()
+    assert decoder.pending == 0
+    assert decoder.stats.skipped_bytes == 29
+
+
 def test_without_checksum_garbage_costs_no_intact_packet():
     before, after = mpu_packets(3), mpu_packets(3, first=3)
     packets, decoder = decode(BARE, before + b"\x01\xa5\x5agarbage" + after)
@@ -368,8 +390,8 @@ def test_without_checksum_garbage_costs_no_intact_packet():
 @pytest.mark.parametrize("chunk", [100, 65_536, 8_000_000])
 def test_memory_stays_bounded(chunk):
     """Beside what it returns, and holds once more to join pieces, the decoder needs little."""
-    stream = mpu_packets(4000) * 2
-    stream = (stream + b"noise" * 3) * (1 if chunk < 1000 else 40)
+    stream = mpu_packets(4000)
+    stream = (stream + b"noise" * 3) * (1 if chunk < 1000 else 80)
     StreamDecoder(MPU).feed(stream[:100_000])  # the tables of the checksum stay
     decoder = StreamDecoder(MPU)
     tracemalloc.start()
@@ -395,7 +417,7 @@ def test_endless_noise_leaves_nothing_behind():
     decoder = StreamDecoder(MPU)
     tracemalloc.start()
     try:
-        for seed in range(300):
+        for seed in range(150):
             decoder.feed(b"\xa5\x5a" * 20 + np.random.default_rng(seed).bytes(4000))
             assert decoder.pending < 28
         held = tracemalloc.get_traced_memory()[0]
