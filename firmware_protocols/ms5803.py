@@ -45,15 +45,15 @@ OVERSAMPLING = (256, 512, 1024, 2048, 4096)
 
 @dataclass(frozen=True)
 class Term:
-    """A correction ``factor * x**2 / 2**shift`` of whole numbers, rounded down."""
+    """A correction ``factor * x**2 / 2**shift`` of whole numbers, its size rounded down."""
 
     factor: int = 0
     shift: int = 0
 
     def of(self, squared: IntArray) -> IntArray:
         """Return the correction for x squared."""
-        result: IntArray = (squared * self.factor) >> self.shift
-        return result
+        size: IntArray = (squared * abs(self.factor)) >> self.shift
+        return size if self.factor >= 0 else -size
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,8 @@ def compensate(
 ) -> tuple[FloatArray, FloatArray]:
     """Return pressure and temperature of counts, exactly as the data sheet computes them.
 
-    Any input gives an answer: no whole number of these sizes can overflow 64 bits.
+    Any input gives an answer: no whole number of 24 bits can overflow 64, and greater ones are no
+    readings.
 
     Parameters
     ----------
@@ -189,8 +190,7 @@ def compensate(
     Returns
     -------
     pressure, temperature : shape (n,)
-        [Pa] and [degC]; NaN where the PROM is not sound or D1 or D2 is 0, which is what the chip
-        answers when no conversion was finished.
+        [Pa] and [degC]; NaN where the PROM is not sound or D1 or D2 is no reading.
     """
     words = np.atleast_2d(np.asarray(prom, dtype=np.int64))
     d1, d2 = np.atleast_1d(np.asarray(d1, np.int64)), np.atleast_1d(np.asarray(d2, np.int64))
@@ -198,10 +198,21 @@ def compensate(
     unit = VARIANTS[variant].count_pa
     pressure = _pressure_counts(d1, between).astype(np.float64) * unit
     temperature = between.temp / 100.0
-    unusable = ~prom_is_sound(words) | (d1 == 0) | (d2 == 0)
+    unusable = ~prom_is_sound(words) | ~is_reading(d1) | ~is_reading(d2)
     pressure[unusable] = np.nan
     temperature[unusable] = np.nan
     return pressure, temperature
+
+
+def is_reading(raw: npt.ArrayLike) -> Flags:
+    """Return whether each D1 or D2, shape (n,), is one that the chip gives.
+
+    0 is what it answers when no conversion was finished; 24 bits hold nothing above
+    :data:`MAX_COUNT`, though a field of a packet may.
+    """
+    numbers = np.asarray(raw, dtype=np.int64)
+    within: Flags = (numbers > 0) & (numbers <= MAX_COUNT)
+    return within
 
 
 def intermediate(variant: str, prom: npt.ArrayLike, d2: npt.ArrayLike) -> Intermediate:
@@ -297,19 +308,6 @@ def prom_is_sound(prom: npt.ArrayLike) -> Flags:
     sound: Flags = (words[:, 7] & 0xF) == prom_crc(words)
     sound &= (words[:, 1:7] != 0).all(axis=1)
     return sound
-
-
-def convert_command(which: int, oversampling: int) -> int:
-    """Return the command byte that starts a conversion.
-
-    Parameters
-    ----------
-    which : int
-        :data:`CONVERT_D1` or :data:`CONVERT_D2`.
-    oversampling : int
-        One of :data:`OVERSAMPLING`.
-    """
-    return which + 2 * OVERSAMPLING.index(oversampling)
 
 
 def _pressure_counts(d1: IntArray, between: Intermediate) -> IntArray:

@@ -53,12 +53,12 @@ def _all_faults(layout: RowLayout, rows: StructArray) -> Iterator[tuple[str, Boo
                 _unknown_scale(layout, rows, field),
             )
     if layout.barometer is not None:
-        from firmware_protocols.ms5803 import prom_is_sound  # which few devices need
+        from firmware_protocols.ms5803 import is_reading, prom_is_sound  # which few devices need
 
         barometer = layout.barometer
         yield PROM_FAULT, ~prom_is_sound(counts(layout, rows, barometer.prom))
         for name in (barometer.d1, barometer.d2):
-            yield CONVERSION_FAULT, np.isin(counts(layout, rows, name), (0,))
+            yield CONVERSION_FAULT, ~is_reading(counts(layout, rows, name))
 
 
 def _unknown_scale(layout: RowLayout, rows: StructArray, field: Field) -> BoolArray:

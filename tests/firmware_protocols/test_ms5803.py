@@ -87,6 +87,16 @@ class TestPrintedExamples:
         assert got[1][0] == 20.15
         assert got[0][0] == pytest.approx(100_050)
 
+    def test_the_correction_of_the_heat_is_rounded_before_it_is_taken(self):
+        """SENS2 = SENS2 - (TEMP - 4500)^2 / 2^3: not a quotient below 0, which rounds away."""
+        prom, d2 = PROMS["01BA"], np.arange(9_600_000, 9_600_900)
+        between = ms5803.intermediate("01BA", prom, d2)
+        first = (int(prom[1]) << 15) + ((int(prom[3]) * between.dt) >> 8)
+        hot = between.temp - 4500
+
+        assert hot.min() > 0
+        assert (between.sens - first).tolist() == (hot**2 >> 3).tolist()
+
     def test_the_shifts_of_the_01ba_halve_the_pressure_of_a_02ba(self):
         pressure, _ = ms5803.compensate("01BA", PROM_02BA, [D1], [8077636])
 
@@ -113,6 +123,15 @@ class TestCompensation:
         else:
             assert pressure[0] == expected[0]
             assert temperature[0] == expected[1] / 100
+
+    @pytest.mark.parametrize("beyond", [2**24, D1 | 1 << 31, 2**32 - 1])
+    def test_more_than_24_bits_are_no_reading(self, beyond):
+        """A field of 32 bits can hold them, and a damaged or strange packet does."""
+        raw = [8077636, beyond, 8077636], [8077636, 8077636, beyond]
+        pressure, temperature = ms5803.compensate("02BA", PROM_02BA, *raw)
+
+        assert np.isnan(pressure).tolist() == [False, True, True]
+        assert np.isnan(temperature).tolist() == [False, True, True]
 
     @pytest.mark.parametrize("variant", ms5803.VARIANTS)
     @pytest.mark.parametrize("extreme", [(65535, 1), (65535, 2**24 - 1), (1, 2**24 - 1), (1, 1)])
@@ -168,15 +187,6 @@ class TestInverse:
         assert d2.tolist()[0] == ms5803.MAX_COUNT
 
 
-class TestCommands:
-    def test_commands_are_those_of_the_chip(self):
-        d1 = [ms5803.convert_command(ms5803.CONVERT_D1, r) for r in ms5803.OVERSAMPLING]
-        d2 = [ms5803.convert_command(ms5803.CONVERT_D2, r) for r in ms5803.OVERSAMPLING]
-
-        assert d1 == [0x40, 0x42, 0x44, 0x46, 0x48]
-        assert d2 == [0x50, 0x52, 0x54, 0x56, 0x58]
-
-
 def _plain(variant: str, words: list[int], d1: int, d2: int) -> tuple[int, int]:
     """The printed equations in integers without limits; pressure [Pa], temperature [0.01 degC]."""
     _, c1, c2, c3, c4, c5, c6, _ = (int(w) for w in words)
@@ -204,7 +214,7 @@ def _plain(variant: str, words: list[int], d1: int, d2: int) -> tuple[int, int]:
             if temp < -1500:
                 sens2 += 2 * cold**2
             if temp > 4500:
-                sens2 = -(hot**2) // 8
+                sens2 = -(hot**2 // 8)  # the sheet takes (TEMP - 4500)^2 / 2^3 from SENS2
         elif temp < 2000:
             t2, off2, sens2 = 3 * dt**2 // 2**33, 3 * x**2 // 2, 5 * x**2 // 8
             if temp < -1500:

@@ -28,7 +28,8 @@ def read_prom(of, now_s=1.0):
 
 
 def convert(of, which, oversampling, now_s, wait_s):
-    of.command(ms5803.convert_command(which, oversampling), now_s)
+    command = which + {256: 0, 512: 2, 1024: 4, 2048: 6, 4096: 8}[oversampling]
+    of.command(command, now_s)
     return number(of, ms5803.ADC_READ, now_s + wait_s, 3)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from firmware_protocols import ms5803
 from firmware_protocols.known import load_protocol
+from firmware_protocols.layout import PacketLayout
 from firmware_protocols.packets import counts, values
 from imu_rig.imu_scaling import field_values, si_factors, si_values
 from imu_rig.row_faults import CONVERSION_FAULT, CONVERTER_FAULT, PROM_FAULT, faults_of
@@ -132,6 +133,21 @@ def test_a_converter_at_its_end_is_named(end):
     rows["accel"][2, 1] = end
 
     assert faults_of(ACCEL, rows) == {CONVERTER_FAULT.format("accel"): 2}
+
+
+@pytest.mark.parametrize("raw", ["d1", "d2"])
+def test_a_reading_of_more_than_24_bits_is_named(raw):
+    """A layout may hold D1 and D2 in 32 bits."""
+    described = BAROMETER.to_dict()
+    for field in described["fields"]:
+        field["type"] = "u32" if field["name"] in ("d1", "d2") else field["type"]
+    wide = PacketLayout.from_dict(described)
+    rows = np.zeros(2, wide.dtype)
+    rows["prom"], rows["d1"], rows["d2"] = typical_prom("02BA"), 6_465_444, 8_077_636
+    rows[raw][1] |= 1 << 30
+
+    assert faults_of(wide, rows) == {CONVERSION_FAULT: 1}
+    assert np.isnan(field_values(wide, rows)[0]["pressure"]).tolist() == [False, True]
 
 
 def test_a_conversion_that_was_not_over_is_named_and_gives_no_pressure():
