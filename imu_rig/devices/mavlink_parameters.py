@@ -124,8 +124,11 @@ def encode(value: float, kind: int, encoding: Encoding) -> bytes:
     if layout is None:
         if kind != REAL32:
             raise ValueError(f"a parameter of type {kind} does not fit into four bytes.")
-        return struct.pack("<f", value)
-    if value != math.floor(value):
+        try:
+            return struct.pack("<f", value)
+        except (OverflowError, struct.error):
+            raise ValueError(f"{value} is beyond the range of a float of four bytes.") from None
+    if value % 1 != 0:  # nor is what is infinite or no number
         raise ValueError(f"{value} is no whole number.")
     try:
         as_bytes = struct.pack(layout, int(value)).ljust(4, b"\0")

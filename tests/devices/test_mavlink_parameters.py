@@ -108,6 +108,11 @@ def test_what_does_not_fit_is_refused():
         (300, 1, "beyond the range"),
         (1.5, INT32, "no whole number"),
         (1.0, 10, "does not fit into four bytes"),
+        (math.inf, INT32, "inf is no whole number"),
+        (math.nan, INT32, "nan is no whole number"),
+        (1e300, INT32, "beyond the range"),
+        (1e300, REAL32, "beyond the range of a float"),
+        (10**400, REAL32, "beyond the range of a float"),
     ):
         with pytest.raises(ValueError, match=words):
             encode(value, kind, "cast")
