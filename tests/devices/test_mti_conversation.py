@@ -19,6 +19,7 @@ from simulators.mti import Memory, MtiUnit
 
 MTI = load_protocol("xsens-mti")
 OLD_MTI = load_protocol("xsens-mti-legacy")
+ON_S = 0.6  # since it was switched on: it has just begun to measure
 AFTER_S = 0.3  # that the unit is heard once it is set up
 SENT = 30  # messages in that time
 ENOUGH = range(SENT - 1, SENT + 2)  # perhaps one more or less around the beginning
@@ -44,11 +45,11 @@ def waking(unit):
 
 
 def measuring(unit):
-    return Line(unit, on_s=1.0)
+    return Line(unit, on_s=ON_S)
 
 
 def configuring(unit):
-    line = Line(unit, on_s=1.0)
+    line = Line(unit, on_s=ON_S)
     unit.receive(encode_message(Mid.GO_TO_CONFIG), line.now_s)
     return line
 
@@ -119,8 +120,8 @@ def test_what_is_said_byte_by_byte(talk):
 def test_what_is_so_already_is_not_written_again(talk, protocol):
     """The unit keeps it in a memory that bears so many writes only."""
     unit = MtiUnit("mark4")
-    talk(protocol, Line(unit, on_s=1.0))
-    again = Line(unit, on_s=1.0)
+    talk(protocol, Line(unit, on_s=ON_S))
+    again = Line(unit, on_s=ON_S)
     _, packets = talk(protocol, again)
     assert len(packets) in ENOUGH
     assert all(len(data) == 5 for data in again.written)  # requests, and changes of state
@@ -140,11 +141,13 @@ def test_a_unit_that_is_refused_goes_on_measuring(talk):
     assert unit.state == "measurement"
 
 
-@pytest.mark.parametrize("lost", [1, 2, 3])
+@pytest.mark.parametrize("lost", [1, 3])
 @pytest.mark.parametrize("protocol", [MTI, OLD_MTI])
 def test_messages_that_get_lost_are_said_again(talk, protocol, lost):
     """Only every so many-th message reaches the unit."""
-    line = Line(MtiUnit("mark4"), on_s=1.0, reaches=lambda number, mid: number % (lost + 1) == lost)
+    line = Line(
+        MtiUnit("mark4"), on_s=ON_S, reaches=lambda number, mid: number % (lost + 1) == lost
+    )
     _, packets = talk(protocol, line)
     assert len(packets) in ENOUGH
 
@@ -152,7 +155,7 @@ def test_messages_that_get_lost_are_said_again(talk, protocol, lost):
 def test_answers_are_found_among_garbage(talk):
     rng = np.random.default_rng(4)
     line = Line(
-        MtiUnit("mark4"), on_s=1.0, garble=lambda data: rng.bytes(20) + data + b"\xfa\xff\x36\x90"
+        MtiUnit("mark4"), on_s=ON_S, garble=lambda data: rng.bytes(20) + data + b"\xfa\xff\x36\x90"
     )
     _, packets = talk(MTI, line)
     assert len(packets) in ENOUGH
@@ -161,7 +164,7 @@ def test_answers_are_found_among_garbage(talk):
 @pytest.mark.parametrize("number", range(5))
 def test_a_unit_that_starts_anew_in_the_middle_is_held_and_set_up(talk, number):
     unit = MtiUnit("mark4")
-    line = Line(unit, on_s=1.0, reaches=lambda count, mid: count != number or restart())
+    line = Line(unit, on_s=ON_S, reaches=lambda count, mid: count != number or restart())
 
     def restart():
         line.restart()
@@ -181,7 +184,7 @@ def test_a_unit_that_starts_anew_in_the_middle_is_held_and_set_up(talk, number):
     ],
 )
 def test_a_unit_that_does_not_hear_but_sends_what_is_wanted_is_taken(talk, protocol, memory):
-    line = Line(MtiUnit("mark4", memory), on_s=1.0, reaches=lambda number, mid: False)
+    line = Line(MtiUnit("mark4", memory), on_s=ON_S, reaches=lambda number, mid: False)
     conversation, packets = talk(protocol, line)
     assert len(packets) >= SENT - 1
     assert conversation.device_id is None
@@ -198,7 +201,7 @@ def test_a_unit_that_does_not_hear_but_sends_what_is_wanted_is_taken(talk, proto
     ],
 )
 def test_a_unit_that_does_not_hear_and_sends_something_else_is_named(talk, protocol, memory, words):
-    line = Line(MtiUnit("mark4", memory), on_s=1.0, reaches=lambda number, mid: False)
+    line = Line(MtiUnit("mark4", memory), on_s=ON_S, reaches=lambda number, mid: False)
     with pytest.raises(DeviceError, match=words):
         talk(protocol, line)
 
@@ -308,18 +311,18 @@ def test_refusals_are_named(talk, protocol, changes, words):
 def test_a_rate_that_the_unit_does_not_have_is_named(talk):
     fast = XsensProtocol("fast", rate_hz=1000.0, outputs=(0x1020, 0x1060, 0x4020, 0x8020))
     with pytest.raises(DeviceError, match="4020 at 400 Hz where the layout fast asks for 1000 Hz"):
-        talk(fast, Line(MtiUnit("mark4"), on_s=1.0))
+        talk(fast, Line(MtiUnit("mark4"), on_s=ON_S))
 
 
 def test_slow_items_may_come_less_often(talk):
     """What a unit measures less often than it sends is absent from most of its messages."""
     protocol = XsensProtocol("air", rate_hz=100.0, outputs=(0x1020, 0x1060, 0x4020, 0x3010))
-    _, packets = talk(protocol, Line(MtiUnit("mark4"), on_s=1.0))
+    _, packets = talk(protocol, Line(MtiUnit("mark4"), on_s=ON_S))
     assert np.isfinite(packets.rows["accel"]).all()
     assert np.mean(np.isfinite(packets.rows["pressure"])) == pytest.approx(0.5, abs=0.02)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.data())
 def test_nothing_that_comes_raises_anything_else(data):
     pieces = st.binary(max_size=30) | st.builds(
@@ -346,7 +349,7 @@ def test_nothing_that_comes_raises_anything_else(data):
 
 def test_what_it_says_while_it_measures_is_kept_for_a_second(talk):
     unit = MtiUnit("mark4")
-    line = Line(unit, on_s=1.0)
+    line = Line(unit, on_s=ON_S)
     conversation, _ = talk(MTI, line)
 
     def hear(first=b""):
@@ -368,7 +371,7 @@ def test_what_it_says_while_it_measures_is_kept_for_a_second(talk):
 
 
 def test_what_comes_is_looked_at_once_a_second_and_not_all_of_a_flood(talk, monkeypatch):
-    line = Line(MtiUnit("mark4"), on_s=1.0)
+    line = Line(MtiUnit("mark4"), on_s=ON_S)
     conversation, _ = talk(MTI, line)
     looks = []
     monkeypatch.setattr(
@@ -393,7 +396,7 @@ HALF = {
 def test_answers_are_found_behind_what_never_ends(talk, half):
     """A unit in its Config state sends no more than its answers: they never fill the frame."""
     ends = iter([HALF[half]])
-    line = Line(MtiUnit("mark4"), on_s=1.0)
+    line = Line(MtiUnit("mark4"), on_s=ON_S)
     hear, write = line.hear, line.write
     line.write = lambda data: write(data)
     line.hear = lambda seconds: next(ends, b"") + hear(seconds)
@@ -405,7 +408,7 @@ def test_answers_are_found_behind_what_never_ends(talk, half):
 
 def test_a_unit_that_somebody_stopped_is_sent_back_to_measuring(talk):
     unit = MtiUnit("mark4")
-    line = Line(unit, on_s=1.0)
+    line = Line(unit, on_s=ON_S)
     conversation, _ = talk(MTI, line)
     said = len(line.written)
     for _ in range(3):

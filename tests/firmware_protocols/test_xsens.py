@@ -167,7 +167,7 @@ def test_a_self_test_that_did_not_pass_is_a_fault(protocol, mid):
     assert told.layout.field("alarms").faults
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(st.data())
 def test_any_outputs_in_any_format_come_back(data):
     """Every known item once, in any order and format; the numbers are exact in their format."""
@@ -210,7 +210,7 @@ def test_any_outputs_in_any_format_come_back(data):
         assert np.array_equal(rows[field][0], numbers), field
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.integers(0, 3), st.lists(st.integers(-(2**23), 2**23), min_size=10, max_size=10))
 def test_legacy_messages_in_any_format_come_back(number_format, counts):
     numbers = np.array(counts) / 2.0**14
@@ -224,7 +224,7 @@ def test_legacy_messages_in_any_format_come_back(number_format, counts):
     assert rows["counter"][0] == 0x1234
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(st.integers(0, 0xFFFF), st.binary(max_size=60))
 def test_unknown_items_are_skipped_by_their_size(identifier, raw):
     item = item_of(identifier)

@@ -65,7 +65,7 @@ def test_every_printed_message(name):
     assert find_messages(sent) == ([Message(mid, bytes.fromhex(data))], len(sent))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.lists(MESSAGES, max_size=5))
 def test_messages_come_back_as_they_were_sent(messages):
     stream = b"".join(encode_message(m.mid, m.data) for m in messages)
@@ -74,7 +74,7 @@ def test_messages_come_back_as_they_were_sent(messages):
         assert find_many(XSENS_FORMAT, stream).decided == len(stream)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(TRICKY)
 def test_preambles_inside_the_data_do_not_matter(data):
     frame = encode_message(0x36, data)
