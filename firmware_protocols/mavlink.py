@@ -28,8 +28,9 @@ speaks of raw counts, and other firmware may mean those: compare 1 g before you 
 What a sensor that is not there leaves zero becomes NaN: a magnetic field of exactly (0, 0, 0), a
 pressure of 0, and a temperature of 0 where 0 means that there is none.
 
-A port may carry messages of several systems, components or sensors: the first that is heard counts,
-or the one that the description asks for.
+A port may carry messages of several systems and components: see
+:mod:`firmware_protocols.mavlink_senders` for whose count. Of the sensors of that sender the first
+that is heard counts, or the one that the description asks for.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,14 @@ from firmware_protocols.mavlink_frames import (
     read_contents,
     read_senders,
 )
-from firmware_protocols.mavlink_messages import MESSAGES, SCALED_PRESSURE, Message
+from firmware_protocols.mavlink_messages import HEARTBEAT, MESSAGES, SCALED_PRESSURE, Message
+from firmware_protocols.mavlink_senders import (
+    Asked,
+    OtherSenders,
+    Sender,
+    SenderChoice,
+    sensors_of,
+)
 from firmware_protocols.protocol import DeviceProtocol, Packets
 from firmware_protocols.rows import RowLayout, check_names
 from firmware_protocols.unconfirmed import MAVLINK_CUT_OFF
@@ -63,7 +71,7 @@ from firmware_protocols.variable_framing import Flags, FramedBytes
 KIND = "mavlink"
 IMU_MESSAGES = ("HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU")
 DEFAULT_RATE_HZ = 100.0
-MAX_RATE_HZ = 8000.0
+MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 8000.0
 PRESSURE_HZ = 10.0
 
 BODY_AXES = ("+x", "-y", "-z")
@@ -79,25 +87,10 @@ UPDATED = (
 """Bits of HIGHRES_IMU.fields_updated: 0-2 accelerometer, 3-5 gyroscope, 6-8 magnetometer,
 9 pressure, 12 temperature. What is not updated repeats the measurement before."""
 
-MOST_OTHERS = 64
-"""Other senders that are kept apart."""
-
 _OVERHEAD = 12  # bytes of a frame of MAVLink 2 without its payload
 _HEARTBEAT_BYTES = 21
 
 Rows = npt.NDArray[np.void]
-
-
-class Sender(NamedTuple):
-    """Who sends a message: system, component, and which of its sensors where the message says."""
-
-    system: int
-    component: int
-    sensor: int = 0
-
-    def __str__(self) -> str:
-        """Return it as people read it."""
-        return f"system {self.system} component {self.component} sensor {self.sensor}"
 
 
 @dataclass(frozen=True)
@@ -110,7 +103,7 @@ class MavlinkProtocol(DeviceProtocol):
     message : str
         The inertial message, one of :data:`IMU_MESSAGES`.
     system, component, sensor : int or None
-        Of whom; None takes the first that is heard.
+        Of whom; None takes the first, see :mod:`firmware_protocols.mavlink_senders`.
     rate_hz : float
         What to ask the flight controller for, messages per second.
     """
@@ -134,8 +127,8 @@ class MavlinkProtocol(DeviceProtocol):
             number = getattr(self, key)
             if number is not None and not 0 <= number <= 255:
                 raise LayoutError(f"{key} must be 0 to 255.")
-        if not 0 < self.rate_hz <= MAX_RATE_HZ:
-            raise LayoutError(f"rate_hz must be above 0 and up to {MAX_RATE_HZ:g}.")
+        if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:
+            raise LayoutError(f"rate_hz must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}.")
 
     @property
     def imu(self) -> Message:
@@ -169,6 +162,19 @@ class MavlinkProtocol(DeviceProtocol):
     def decoder(self) -> MavlinkDecoder:
         """Return a new decoder."""
         return MavlinkDecoder(self)
+
+    def quick_decoder(self) -> MavlinkDecoder:
+        """Return a decoder that waits for no heartbeat."""
+        return MavlinkDecoder(self, wait=False)
+
+    @property
+    def asked(self) -> Asked:
+        """Whose messages are asked for."""
+        return Asked(self.system, self.component, self.sensor)
+
+    def choice(self, *, wait: bool = True) -> SenderChoice:
+        """Return the rule by which one of several senders is taken, at its beginning."""
+        return SenderChoice(self.asked, self.message, self.rate_hz, wait=wait)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the protocol as plain data, in the form of the TOML files."""
@@ -245,33 +251,47 @@ class MavlinkProtocol(DeviceProtocol):
 class MavlinkDecoder(MavlinkFrameDecoder):
     """Decoder of what a flight controller sends.
 
-    Attributes
+    Parameters
     ----------
-    sender : Sender or None
-        Whose inertial messages are taken; None before the first.
-    others : Counter of Sender
-        How many inertial messages of the same kind others sent, of the first few of them.
-    version : int or None
-        Of MAVLink, 1 or 2, in the last inertial message.
+    protocol : MavlinkProtocol
+    wait : bool
+        Whether to wait for a heartbeat before messages count, see
+        :mod:`firmware_protocols.mavlink_senders`.
     """
 
-    def __init__(self, protocol: MavlinkProtocol) -> None:
+    def __init__(self, protocol: MavlinkProtocol, *, wait: bool = True) -> None:
         super().__init__()
         self._protocol = protocol
-        self.sender: Sender | None = None
-        self.others: Counter[Sender] = Counter()
-        self.version: int | None = None
+        self._choice = protocol.choice(wait=wait)
+        self._sensor = protocol.sensor
+        self._others = OtherSenders(protocol.asked, protocol.message)
         layout = protocol.streams["imu"]
         self._counter = StreamCounter(layout.clock_tick_s, 1.0 / protocol.rate_hz)
+
+    @property
+    def sender(self) -> Sender | None:
+        """Whose inertial messages are taken; None until that is known."""
+        if self._choice.address is None or self._sensor is None:
+            return None
+        return Sender(*self._choice.address, self._sensor)
+
+    @property
+    def others(self) -> Counter[Sender]:
+        """How many inertial messages of the same kind others sent, of the first few of them."""
+        return self._others.counts
+
+    def take_faults(self) -> dict[str, int]:
+        """Name others that send the message too; see `firmware_protocols.protocol`."""
+        return self._others.take_told()
 
     def _read(self, frames: FramedBytes) -> dict[str, Packets]:
         self._note_gaps(frames)
         streams, message = self._protocol.streams, self._protocol.imu
-        found = read_contents(frames, (message, SCALED_PRESSURE))
-        imu, since = self._own_imu(found.get(message.name), message)
-        pressure = found.get(SCALED_PRESSURE.name, no_contents(SCALED_PRESSURE))
-        pressure = pressure.taken(self._is_own(pressure) & (pressure.index > since))
+        found = read_contents(frames, (message, SCALED_PRESSURE, HEARTBEAT))
+        since = self._choice.look(found)
         end = frames.end
+        imu = self._own_imu(found.get(message.name, no_contents(message)), end, since)
+        pressure = self._own(found.get(SCALED_PRESSURE.name, no_contents(SCALED_PRESSURE)), since)
         rows = _imu_rows(streams["imu"], imu.payload)
         rows["seq"] = self._count(frames, imu, rows["time"], since) & 0xFFFF
         return {
@@ -281,71 +301,42 @@ class MavlinkDecoder(MavlinkFrameDecoder):
             ),
         }
 
-    def _own_imu(self, found: Contents | None, message: Message) -> tuple[Contents, int]:
-        """Return the sender's inertial messages, and the frame before the first that counts."""
-        if found is None:
-            return no_contents(message), -1
-        since = -1
-        if self.sender is None:
-            asked = self._protocol
-            fits = np.ones(len(found), dtype=np.bool_)
-            for wanted, numbers in (
-                (asked.system, found.system),
-                (asked.component, found.component),
-                (asked.sensor, _sensors(found)),
-            ):
-                if wanted is not None:
-                    fits &= numbers == wanted
-            if bool(fits.any()):
-                first = int(fits.argmax())
-                self.sender = _sender(found, first)
-                since = int(found.index[first])
-        own = self._is_own(found)
-        if self.sender is not None:
-            own &= _sensors(found) == self.sender.sensor
-        if not bool(own.all()):
-            for place in np.flatnonzero(~own).tolist():
-                other = _sender(found, place)
-                if other in self.others or len(self.others) < MOST_OTHERS:
-                    self.others[other] += 1
-        mine = found.taken(own)
-        if len(mine):
-            self.version = int(mine.version[-1])
-        return mine, since
+    def _own(self, found: Contents, since: int) -> Contents:
+        """Return what the sender that counts sent, from the frame on at which it began to."""
+        return found.taken(self._is_own(found, since))
+
+    def _is_own(self, found: Contents, since: int) -> Flags:
+        if self._choice.address is None:
+            return np.zeros(len(found), dtype=np.bool_)
+        system, component = self._choice.address
+        own: Flags = (found.system == system) & (found.component == component)
+        return own & (found.index >= since)
+
+    def _own_imu(self, found: Contents, end: npt.NDArray[np.int64], since: int) -> Contents:
+        """Return the sender's inertial messages, and take note of others."""
+        own = self._is_own(found, since)
+        if self._sensor is None and bool(own.any()):
+            self._sensor = int(sensors_of(found)[own.argmax()])
+        if self._sensor is not None:
+            own &= sensors_of(found) == self._sensor
+        if self._choice.address is not None and not bool(own.all()):
+            others = found.taken(~own & (found.index >= since))
+            self._others.add(others, end[others.index], self.sender)
+        return found.taken(own)
 
     def _count(
         self, frames: FramedBytes, imu: Contents, time: npt.NDArray[np.uint32], since: int
     ) -> npt.NDArray[np.int64]:
         """Return numbers of the sender's inertial messages, counted from the first."""
-        if self.sender is None:
+        if self._choice.address is None:
             return imu.index
         system, component, sequence = read_senders(frames)
-        own = (system == self.sender.system) & (component == self.sender.component)
-        own[: max(since, 0)] = False
+        own = (system == self._choice.address[0]) & (component == self._choice.address[1])
+        own[:since] = False
         places = np.flatnonzero(own)
         return self._counter.feed(
             sequence[places], np.searchsorted(places, imu.index), time.astype(np.int64)
         )
-
-    def _is_own(self, found: Contents) -> Flags:
-        if self.sender is None:
-            return np.zeros(len(found), dtype=np.bool_)
-        own: Flags = (found.system == self.sender.system) & (
-            found.component == self.sender.component
-        )
-        return own
-
-
-def _sensors(found: Contents) -> npt.NDArray[np.int64]:
-    if "id" in (found.payload.dtype.names or ()):
-        return found.payload["id"].astype(np.int64)
-    return np.zeros(len(found), dtype=np.int64)
-
-
-def _sender(found: Contents, place: int) -> Sender:
-    return Sender(
-        int(found.system[place]), int(found.component[place]), int(_sensors(found)[place])
-    )
 
 
 def _imu_rows(layout: RowLayout, payload: Rows) -> Rows:

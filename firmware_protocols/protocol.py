@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +99,18 @@ class Decoder(Protocol):
         """Let no packet lie on both sides of here: something may be missing before what comes."""
 
 
+@runtime_checkable
+class NoticesFaults(Protocol):
+    """A decoder that notices faults which no single packet tells of."""
+
+    def take_faults(self) -> dict[str, int]:
+        """Return the faults noticed since the last call, in words.
+
+        With each, how many bytes had been received up to where it was noticed last. There may be
+        a few different ones in all, however long the stream is.
+        """
+
+
 class DeviceProtocol(ABC):
     """What a device speaks.
 
@@ -143,6 +155,13 @@ class DeviceProtocol(ABC):
     @abstractmethod
     def decoder(self) -> Decoder:
         """Return a new decoder of what a port delivers."""
+
+    def quick_decoder(self) -> Decoder:
+        """Return a new decoder for a short stretch, of which it is asked only what it is.
+
+        Where a decoder first waits until it is certain whose packets count, this one does not.
+        """
+        return self.decoder()
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

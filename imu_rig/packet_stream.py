@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 
 from firmware_protocols.packets import counts
-from firmware_protocols.protocol import Decoder, DeviceProtocol, Packets
+from firmware_protocols.protocol import Decoder, DeviceProtocol, NoticesFaults, Packets
 from firmware_protocols.rows import RowLayout
 from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray, StructArray
 from imu_rig.blocks import in_a_line
@@ -179,6 +179,7 @@ class PacketStreams:
         self._chunks: deque[tuple[int, float]] = deque()
         self._received = 0
         self._last_ns = 0
+        self._faults: dict[str, float] = {}  # noticed by the decoder, and when
 
     def stats(self, stream: str) -> StreamStats:
         """Return the counts of a stream so far."""
@@ -201,8 +202,11 @@ class PacketStreams:
         return self._lanes[stream].identical
 
     def faults(self, stream: str, since_s: float) -> tuple[str, ...]:
-        """Return the faults that packets told of which arrived since then, host clock [s]."""
-        told = self._lanes[stream].faults
+        """Return the faults that packets told of which arrived since then, host clock [s].
+
+        Those that the decoder noticed are faults of every stream.
+        """
+        told = {**self._lanes[stream].faults, **self._faults}
         return tuple(fault for fault, last_s in told.items() if last_s >= since_s)
 
     def feed_many(self, chunks: list[tuple[int, bytes]]) -> dict[str, PacketBlock]:
@@ -223,9 +227,12 @@ class PacketStreams:
             self._received += len(data)
             self._chunks.append((self._received, t_ns / NS_PER_S))
         decoded = self._decode(chunks)
+        noticed = self._decoder.take_faults() if isinstance(self._decoder, NoticesFaults) else {}
         blocks: dict[str, PacketBlock] = {}
-        if decoded:
+        if decoded or noticed:
             stops, arrival = np.array(self._chunks).T
+            for fault, end in noticed.items():
+                self._faults[fault] = float(arrival[np.searchsorted(stops, end)])
             for stream, packets in decoded.items():
                 block = self._lanes[stream].take(
                     packets.rows, arrival[np.searchsorted(stops, packets.end)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from firmware_protocols.protocol import DeviceProtocol
 
@@ -47,6 +47,14 @@ class Conversation(Protocol):
         It goes on from "NAME on PORT ", without a stop: "refuses HIGHRES_IMU: use ...". None where
         nothing is known to be.
         """
+
+
+@runtime_checkable
+class Remembers(Protocol):
+    """A conversation that goes on from the one before, when the port of a device is opened anew."""
+
+    def remember(self, before: Conversation) -> None:
+        """Take over what holds on; called before ``begin``."""
 
 
 CONVERSATIONS = {

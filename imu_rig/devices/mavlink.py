@@ -7,16 +7,18 @@ REQUEST_DATA_STREAM, the old way. It is asked again each second until the messag
 whenever it stops or falls below half the rate, as after a restart or when another ground station
 asks for something else.
 
+Of several systems on a port the one is spoken to whose messages the decoder takes: both follow
+:mod:`firmware_protocols.mavlink_senders`.
+
 Everything is said in MAVLink 2, and once more in MAVLink 1 to a device that answers only so.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterable
-
-import numpy as np
 
 from firmware_protocols.mavlink import IMU_MESSAGES, PRESSURE_HZ, MavlinkProtocol
 from firmware_protocols.mavlink_frames import Contents, MavlinkFrameDecoder, read_contents
@@ -27,10 +29,11 @@ from firmware_protocols.mavlink_messages import (
     SCALED_PRESSURE,
     Message,
 )
+from firmware_protocols.mavlink_senders import clock_s, is_autopilot
 from firmware_protocols.protocol import Packets
 from firmware_protocols.variable_framing import FramedBytes
 from imu_rig.arrays import StructArray
-from imu_rig.devices.conversation import Hear, Write
+from imu_rig.devices.conversation import Conversation, Hear, Write
 from imu_rig.devices.mavlink_parameters import ARDUPILOT, PX4
 from imu_rig.devices.mavlink_voice import Address, Voice
 from imu_rig.errors import DeviceError
@@ -99,12 +102,9 @@ def _places(addresses: list[Address]) -> str:
     return " and ".join(named)
 
 
-def is_autopilot(heartbeat: np.void) -> bool:
-    """Whether a heartbeat is not that of a ground station, camera, gimbal or radio."""
-    return bool(
-        heartbeat["type"] != mavlink.MAV_TYPE_GCS
-        and heartbeat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID
-    )
+def _addresses(found: Contents) -> list[Address]:
+    """Return who sent each message."""
+    return list(zip(found.system.tolist(), found.component.tolist(), strict=True))
 
 
 class _Span:
@@ -115,8 +115,7 @@ class _Span:
 
     def add(self, payload: StructArray) -> None:
         """Count these messages."""
-        micro = "time_usec" in (payload.dtype.names or ())
-        times = payload["time_usec"] / 1e6 if micro else payload["time_boot_ms"] / 1e3
+        times = clock_s(payload)
         if not self._count:
             self._first_s = float(times[0])
         self._count += len(times)
@@ -130,6 +129,8 @@ class _Span:
 
 class MavlinkConversation:
     """The host's half of the conversation; see `imu_rig.devices.conversation.Conversation`.
+
+    What is wrong may be asked for in any thread while another listens.
 
     Parameters
     ----------
@@ -150,7 +151,9 @@ class MavlinkConversation:
         self._voice = Voice()
         self.autopilot: int | None = None
         self.versions: set[int] = set()
-        self._target: Address | None = None
+        self._choice = protocol.choice()
+        self._target: Address | None = None  # the one chosen, once it is heard
+        self._knowing = threading.RLock()  # of what was heard
         self._seen: Counter[tuple[str, Address]] = Counter()
         self._waiting: list[bytes] = []  # heard by the reader's thread and not looked at yet
         self._waiting_bytes, self._waiting_s = 0, 0.0
@@ -161,6 +164,11 @@ class MavlinkConversation:
         self._requests = self._said = 0
         self._pressure_asked = False
         self._target_s = self._wanted_s = -SILENT_S  # when it was heard last, and the message was
+
+    def remember(self, before: Conversation) -> None:
+        """Go on with the flight controller of the conversation before; the decoder does too."""
+        if isinstance(before, MavlinkConversation):
+            self._choice = before._choice
 
     def begin(self, write: Write, hear: Hear) -> None:
         """Ask until the message comes; a silent device is left to come later.
@@ -206,6 +214,10 @@ class MavlinkConversation:
     @property
     def problem(self) -> str | None:
         """Why the message does not come, as far as it can be told."""
+        with self._knowing:
+            return self._problem()
+
+    def _problem(self) -> str | None:
         now_s, wanted = time.monotonic(), self._wanted.name
         if self._target is None or now_s - self._target_s > SILENT_S:
             return None
@@ -223,10 +235,10 @@ class MavlinkConversation:
             heard = " and ".join(others)
             return f"{who} sends {heard} but no {wanted}: {self._advice(others)}"
         if strangers:
-            places = _places(strangers)
+            do = "does" if len(strangers) == 1 else "do"
             return (
-                f"{who} sends no {wanted}, but {places} does: ask for that system and component "
-                "in a layout file"
+                f"{who} sends no {wanted}, but {_places(strangers)} {do}: ask for that system and "
+                "component in a layout file"
             )
         return (
             f"{who} was asked for {wanted} {self._requests} times and sends neither that nor "
@@ -237,6 +249,10 @@ class MavlinkConversation:
     @property
     def description(self) -> str:
         """Who was heard: kind of autopilot, version, system and component, and other senders."""
+        with self._knowing:
+            return self._description()
+
+    def _description(self) -> str:
         if self._target is None:
             return "no flight controller"
         if self.autopilot is None:
@@ -268,47 +284,44 @@ class MavlinkConversation:
 
     def _listen(self, data: bytes, now_s: float) -> None:
         """Take in what came until now."""
-        for contents in self._ear.hear(data):
-            for name, found in contents.items():
-                addresses = list(zip(found.system.tolist(), found.component.tolist(), strict=True))
-                if name == HEARTBEAT.name:
-                    self._meet(found, addresses)
-                elif name == COMMAND_ACK.name:
-                    self._acknowledged(found, addresses)
-                else:
-                    self._notice(name, found, addresses, now_s)
-                if self._target in addresses:
-                    self._target_s = now_s
-                    own = [a == self._target for a in addresses]
-                    self.versions.update(found.version[own].tolist())
+        with self._knowing:
+            for contents in self._ear.hear(data):
+                self._choice.look(contents)
+                heard = {name: _addresses(found) for name, found in contents.items()}
+                if self._target is None and self._choice.address in set().union(*heard.values()):
+                    self._target = self._choice.address
+                for name, found in contents.items():
+                    self._take(name, found, heard[name], now_s)
+
+    def _take(self, name: str, found: Contents, addresses: list[Address], now_s: float) -> None:
+        """Take in all messages of one name."""
+        if name == HEARTBEAT.name:
+            self._meet(found, addresses)
+        elif name == COMMAND_ACK.name:
+            self._acknowledged(found, addresses)
+        else:
+            self._notice(name, found, addresses, now_s)
+        own = [address == self._target for address in addresses]
+        if any(own):
+            self._target_s = now_s
+            self.versions.update(found.version[own].tolist())
 
     def _meet(self, found: Contents, addresses: list[Address]) -> None:
-        """Take the first flight controller that fits as the one to speak to."""
+        """Learn what kind of autopilot it is."""
         for beat, address in zip(found.payload, addresses, strict=True):
-            if not is_autopilot(beat):
-                continue
-            if self._target is None and self._fits(address):
-                self._target = address
-            if address == self._target:
+            if address == self._target and is_autopilot(beat):
                 self.autopilot = int(beat["autopilot"])
 
     def _notice(self, name: str, found: Contents, addresses: list[Address], now_s: float) -> None:
-        """Count the messages of an IMU."""
+        """Count the messages of an IMU; there is always room for those of the target."""
         for address in addresses:
-            if (name, address) in self._seen or len(self._seen) < MOST_SEEN:
+            known = address == self._target or (name, address) in self._seen
+            if known or len(self._seen) < MOST_SEEN:
                 self._seen[name, address] += 1
-        if name != self._wanted.name:
-            return
-        if self._target is None:  # one that sends without a heartbeat
-            self._target = next(filter(self._fits, addresses), None)
         own = [address == self._target for address in addresses]
-        if any(own):
+        if name == self._wanted.name and any(own):
             self._wanted_s = now_s
             self._span.add(found.payload[own])
-
-    def _fits(self, address: Address) -> bool:
-        asked = (self._protocol.system, self._protocol.component)
-        return all(a is None or a == b for a, b in zip(asked, address, strict=True))
 
     def _acknowledged(self, found: Contents, addresses: list[Address]) -> None:
         for answer, address in zip(found.payload, addresses, strict=True):

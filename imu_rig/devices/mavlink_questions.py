@@ -18,8 +18,9 @@ from firmware_protocols.mavlink_messages import (
     PARAM_VALUE,
     Message,
 )
+from firmware_protocols.mavlink_senders import is_autopilot
 from imu_rig.devices.conversation import Hear, Write
-from imu_rig.devices.mavlink import AUTOPILOTS, Ear, is_autopilot
+from imu_rig.devices.mavlink import AUTOPILOTS, Ear
 from imu_rig.devices.mavlink_parameters import Encoding, Parameter, encoding_of
 from imu_rig.devices.mavlink_voice import Address, Voice
 from imu_rig.errors import DeviceError, DeviceLost

@@ -6,11 +6,13 @@ A device that must be spoken to is set up before the thread starts and kept goin
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from imu_rig.clock import NS_PER_S, Clock
 from imu_rig.devices.conversation import Conversation
 from imu_rig.devices.ports import DEFAULT_BAUD, Port, open_port
+from imu_rig.errors import DeviceError
 
 # Constants of time.
 READ_S = 0.05  # a blocking read; also how long stop() may have to wait
@@ -62,6 +64,8 @@ class PortReader:
         self._clock, self._on_bytes, self._name = clock, on_bytes, name
         self._conversation, self._on_sent = conversation, on_sent
         self._stopping = threading.Event()
+        self._starting = threading.Lock()  # held as long as start() takes
+        self._starter: threading.Thread | None = None
         self._thread: threading.Thread | None = None
         self.error: Exception | None = None
 
@@ -78,29 +82,42 @@ class PortReader:
         PortError
             If the port cannot be opened.
         DeviceError
-            If the device cannot be set up.
+            If the device cannot be set up, or if it is stopped meanwhile.
         RuntimeError
             If the reader was started before.
         """
         if self._thread is not None:
             raise RuntimeError("a reader runs once; make a new one")
-        port = self._open()
-        if self._conversation is not None:
+        with self._starting:
+            self._starter = threading.current_thread()
             try:
+                self._begin()
+            finally:
+                self._starter = None
+
+    def _begin(self) -> None:
+        port = self._open()
+        try:
+            if self._conversation is not None:
                 self._conversation.begin(
-                    lambda data: self._write(port, data), lambda wait_s: self._take(port, wait_s)
+                    lambda data: self._write(port, data), lambda wait_s: self._hear(port, wait_s)
                 )
-            except BaseException:
-                port.close()
-                raise
+            self._go_on()
+        except BaseException:
+            port.close()
+            raise
         self._thread = threading.Thread(
             target=self._run, args=(port,), name=f"read {self._name}", daemon=True
         )
         self._thread.start()
 
     def stop(self) -> None:
-        """End the reading, wait for the thread and close the port."""
+        """End the reading, wait for the thread and close the port; also while it is set up."""
         self._stopping.set()
+        if self._starter is not threading.current_thread() and self._starting.acquire(
+            timeout=JOIN_S
+        ):
+            self._starting.release()  # the port is closed, or the thread runs
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(JOIN_S)
 
@@ -118,6 +135,21 @@ class PortReader:
             self.error = error
         finally:
             port.close()
+
+    def _go_on(self) -> None:
+        if self._stopping.is_set():
+            raise DeviceError("was stopped while it was being set up.")
+
+    def _hear(self, port: Port, timeout_s: float) -> bytes:
+        """Read while the device is set up."""
+        self._go_on()
+        end_s = time.monotonic() + timeout_s
+        while True:
+            left_s = end_s - time.monotonic()
+            data = self._take(port, max(0.0, min(left_s, READ_S)))
+            self._go_on()
+            if data or left_s <= READ_S:
+                return data
 
     def _take(self, port: Port, timeout_s: float) -> bytes:
         data = port.read(timeout_s)

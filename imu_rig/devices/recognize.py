@@ -87,7 +87,7 @@ def find_protocol(
 
 
 def _fit(data: bytes, name: str, protocol: DeviceProtocol) -> Recognized | None:
-    decoder = protocol.decoder()
+    decoder = protocol.quick_decoder()
     streams = decoder.feed(data)
     packets = {stream: len(streams.get(stream, ())) for stream in protocol.streams}
     if sum(packets.values()) < MIN_PACKETS or not data:
@@ -116,7 +116,7 @@ def explain(data: bytes, protocol: DeviceProtocol, baud: int) -> str:
     baud : int
         Baud rate in use, for the advice.
     """
-    if any(len(packets) for packets in protocol.decoder().feed(data).values()):
+    if any(len(packets) for packets in protocol.quick_decoder().feed(data).values()):
         return (
             "sent sound packets a moment ago and has fallen silent or sends damaged ones now: "
             "check its power, its cable or Bluetooth link"

@@ -14,7 +14,7 @@ from firmware_protocols.protocol import DeviceProtocol
 from firmware_protocols.rows import RowLayout
 from imu_rig.arrays import FloatArray
 from imu_rig.clock import NS_PER_S, Clock
-from imu_rig.devices.conversation import Conversation, conversation_for
+from imu_rig.devices.conversation import Conversation, Remembers, conversation_for
 from imu_rig.devices.ports import DEFAULT_BAUD, open_port, usb_address
 from imu_rig.devices.reader import PortReader
 from imu_rig.devices.recognize import explain
@@ -36,6 +36,7 @@ RECENT_BYTES = 4096
 MAX_UNREAD_BYTES = 16_000_000
 MAX_BEHIND_BYTES = 500_000  # of a device that sends more than can be decoded: what is new counts
 DECODED_BYTES = 1 << 17  # between looks at how long decoding takes
+CHECKED_BYTES = 1 << 25  # by checksums in that time, where at every byte a packet may begin
 MAX_UNREAD_SAMPLES = 1_000_000
 
 
@@ -178,13 +179,16 @@ class StreamDevice:
         PortError
             If the port cannot be opened.
         DeviceError
-            If the device cannot be set up.
+            If the device cannot be set up, or if it is stopped meanwhile.
         """
-        if self._reader is not None and self._reader.alive:
+        before = self._reader
+        if before is not None and before.alive:
             return
         address = self._address or self.url
         conversation = conversation_for(self.protocol)
         reader = PortReader(
+        if self._conversation is not None and isinstance(conversation, Remembers):
+            conversation.remember(self._conversation)
             lambda: open_port(address, baud=self.baud),
             self._clock,
             self._take,
@@ -193,14 +197,18 @@ class StreamDevice:
             on_sent=self._sent or (lambda t_ns, data: None),
         )
         try:
+        self._conversation = conversation
+        self._reader = reader  # from now on it can be stopped
             reader.start()
         except DeviceError as error:
             sentence = f"{self.name} on {self.url}: {error}"
+            self._reader = before
             raise (DeviceLost if isinstance(error, DeviceLost) else DeviceError)(
                 sentence
             ) from error
-        self._conversation = conversation
-        self._reader = reader
+        except BaseException:
+            self._reader = before
+            raise
         self._address = self._address or usb_address(self.url)
         self._raised = False
         with self._lock:
@@ -383,13 +391,18 @@ class StreamDevice:
                 return
 
     def _next_chunks(self) -> list[tuple[int, bytes]]:
-        """Take some of what is not decoded, one chunk at least."""
+        """Take some of what is not decoded, one chunk at least.
+
+        Of long packets it is less: bytes that all look like the beginning of one cost a checksum
+        of its length each.
+        """
+        most = min(DECODED_BYTES, CHECKED_BYTES // self.protocol.longest)
         chunks: list[tuple[int, bytes]] = []
         with self._arrived:
             size = 0
             while self._chunks:
                 size += len(self._chunks[0][1])
-                if chunks and size > DECODED_BYTES:
+                if chunks and size > most:
                     break
                 chunks.append(self._chunks.popleft())
                 self._chunk_bytes -= len(chunks[-1][1])

@@ -12,9 +12,11 @@ from firmware_protocols.layout import load_layout
 from firmware_protocols.packets import encode
 from imu_rig.clock import SystemClock
 from imu_rig.devices.imu import ImuDevice
+from imu_rig.devices.ports import open_port
 from imu_rig.errors import DeviceError, DeviceLost
 
 MPU = load_layout("mpu9150-28")
+PATIENCE_S = 20.0
 PACKET = encode(
     MPU, {"seq": 0, "status": 0, "time": 0, "accel": [1, 2, 3], "gyro": [4, 5, 6], "mag": [7, 8, 9]}
 )
@@ -136,3 +138,70 @@ def test_what_the_conversation_knows_explains_why_nothing_comes(asking):
         thread.join()
         assert imu.identify_problem() == f"foot on {url} refuses."
         imu.stop()
+
+
+class Waiting(Asking):
+    """Waits for an answer for as long as it takes."""
+
+    def begin(self, write, hear):
+        write(b"well?")
+        while not self.answered:
+            self.answered = hear(60.0)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_stopped_while_it_is_set_up_it_gives_up_and_leaves_the_port_free(monkeypatch, again):
+    made = [Waiting(), Waiting()]
+    made[0].answered = b"yes" if again else b""
+    monkeypatch.setattr(stream_device, "conversation_for", lambda protocol: made.pop(0))
+    with port() as (file, url):
+        imu = device(url, [], [])
+        if again:
+            imu.start()
+            assert os.read(file, 100) == b"well?"
+            imu.stop()
+        refused = []
+
+        def start():
+            try:
+                imu.start()
+            except DeviceError as error:
+                refused.append(str(error))
+
+        thread = threading.Thread(target=start)
+        thread.start()
+        assert os.read(file, 100) == b"well?"
+        imu.stop()
+        assert not imu.running
+        open_port(url).close()  # it is free by now
+        thread.join(PATIENCE_S)
+        assert refused == [f"foot on {url}: was stopped while it was being set up."]
+        made.append(Asking())
+        thread = answer(file, b"yes")
+        imu.start()  # it can be started again
+        thread.join()
+        assert imu.running
+        imu.stop()
+
+
+def test_stopped_by_the_tap_while_it_is_set_up_it_does_not_wait_for_itself(asking):
+    with port() as (file, url):
+        imu = ImuDevice("foot", url, MPU, SystemClock(), tap=lambda t_ns, data: imu.stop())
+        thread = answer(file, b"yes")
+        with pytest.raises(DeviceError, match="stopped while it was being set up"):
+            imu.start()
+        thread.join()
+        assert not imu.running
+
+
+def test_stopped_at_the_end_of_the_setting_up_no_thread_begins_to_read(monkeypatch):
+    class Silent(Asking):
+        def begin(self, write, hear):
+            imu.stop()
+
+    monkeypatch.setattr(stream_device, "conversation_for", lambda protocol: Silent())
+    with port() as (_, url):
+        imu = device(url, [], [])
+        with pytest.raises(DeviceError, match="stopped while it was being set up"):
+            imu.start()
+        assert not imu.running

@@ -1,10 +1,12 @@
 """What is said to flight controllers and heard from them, in their own time and over real ports."""
 
+import sys
+import threading
 import time
 
 import numpy as np
 import pytest
-from flight_controller_port import Table, served
+from flight_controller_port import AtRest, Table, served
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_protocols.known import load_protocol, protocol_from_dict
@@ -18,6 +20,7 @@ from imu_rig.devices.mavlink_questions import read_parameters
 from imu_rig.devices.ports import open_port
 from imu_rig.devices.stream_device import PacketDevice
 from imu_rig.errors import DeviceError, DeviceLost
+from imu_rig.packet_stream import PacketStreams
 from imu_rig.units import STANDARD_GRAVITY
 from simulators import flight_controller
 from simulators.flight_controller import FlightControllerModel
@@ -76,7 +79,7 @@ def test_the_message_is_asked_for_at_its_rate_and_pressure_beside_it(table):
     asked = [(m.param1, m.param2) for m in said(line.sent, "COMMAND_LONG")]
     assert asked == [(105, 10_000), (29, 100_000)]  # each of them once
     assert {(m.type, m.autopilot) for m in said(line.sent, "HEARTBEAT")} == {(6, 8)}
-    packets = HIGHRES.decoder().feed(heard)
+    packets = HIGHRES.quick_decoder().feed(heard)
     assert len(packets["imu"]) == pytest.approx(300, abs=5)
     assert len(packets["pressure"]) >= 20
     assert conversation.problem is None
@@ -146,7 +149,8 @@ def test_version_1_is_spoken_to_in_its_own_way_and_named(table):
     conversation = begun(line, SCALED)
     assert line.controllers[0].rates["SCALED_IMU"] == 100.0
     assert conversation.description == "ArduPilot, MAVLink 1 only, system 1 component 1"
-    packets = SCALED.decoder().feed(line.run(conversation, 1))
+    packets = SCALED.quick_decoder().feed(line.run(conversation, 1))
+    assert len(packets["imu"]) > 50
     assert np.isnan(packets["imu"].rows["temperature"]).all()
     again = table(changed(ARDUPILOT, version=1))
     assert "(ArduPilot, MAVLink 1 only, system 1" in refusal(again, HIGHRES)
@@ -164,21 +168,135 @@ def test_several_on_one_line_are_told_apart(table):
     assert begun(table(*both), third).problem is None  # it may come
 
 
+def frame(line, name, *fields, system=1, component=1):
+    """Bytes of a message of any sender."""
+    message = getattr(line.controllers[0]._dialect, f"MAVLink_{name}_message")(*fields)
+    return bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component)))
+
+
 def test_countless_senders_take_little_room(table):
     """Frames that are sound need not be honest."""
     line = table(PX4)
     conversation, decoder = begun(line, HIGHRES), HIGHRES.decoder()
+    decoder.feed(frame(line, "heartbeat", 2, 12, 0, 0, 3, 3))
     for system in range(2, 7):
         for component in range(250):
-            frame = line.controllers[0]._dialect.MAVLink_highres_imu_message(*[0] * 15, system)
-            voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-            data = bytes(frame.pack(voice))
+            fields = (*[0] * 15, system)
+            data = frame(line, "highres_imu", *fields, system=system, component=component)
             conversation.heard(data)
             decoder.feed(data)
     conversation.keep(line.write)
     assert len(decoder.others) == 64
+    assert len(decoder.take_faults()) == 3
     assert len(conversation._seen) <= driver.MOST_SEEN
     assert "system 2 component 2 and 252 more" in conversation.description
+
+
+def test_after_countless_senders_there_is_still_room_for_the_one_spoken_to(table):
+    line = table(PX4)
+    conversation = MavlinkConversation(HIGHRES)
+    strangers = b"".join(
+        frame(line, "highres_imu", *[0] * 16, system=2 + n // 250, component=n % 250)
+        for n in range(driver.MOST_SEEN)
+    )
+    conversation.heard(strangers)
+    conversation.keep(line.write)
+    conversation.begin(line.write, line.hear)
+    assert line.now_s < 2.0
+    assert conversation.description.startswith("PX4, MAVLink 2, system 1 component 1, beside")
+    line.controllers[0]._set_interval = lambda *_: 0
+    line.controllers[0].rates["HIGHRES_IMU"] = 0.0
+    line.run(conversation, 5)
+    assert "has stopped sending HIGHRES_IMU" in conversation.problem
+
+
+class Intruded(Table):
+    """Beside the flight controllers a system sends its IMU five times a second."""
+
+    def __init__(self, *models):
+        super().__init__(*models)
+        self._intruder = AtRest(changed(PX4, system=9, rates={"HIGHRES_IMU": 5.0}))
+        self._intruder.controller.rates.pop("HEARTBEAT")
+
+    def hear(self, timeout_s):
+        return self._intruder.until(self.now_s + timeout_s) + super().hear(timeout_s)
+
+
+@pytest.mark.parametrize("beats_first", [True, False])
+def test_the_one_spoken_to_is_the_one_that_is_read(monkeypatch, beats_first):
+    """The system that is asked takes its time; what another sends meanwhile is not its."""
+    line = Intruded(changed(PX4, rates={}))
+    monkeypatch.setattr(driver, "time", line)
+    conversation, streams = MavlinkConversation(HIGHRES), PacketStreams(HIGHRES)
+    if not beats_first:
+        line.controllers[0]._due["HEARTBEAT"] = 0.9
+    heard = []
+
+    def hear(timeout_s):
+        data = line.hear(timeout_s)
+        heard.append((round(line.now_s * 1e9), data))
+        return data
+
+    conversation.begin(line.write, hear)
+    later = line.run(conversation, 3)
+    heard.append((round(line.now_s * 1e9), later))
+    blocks = streams.feed_many(heard)
+    assert conversation.description.endswith("system 1 component 1, beside system 9 component 1")
+    assert streams._decoder.sender[:2] == (1, 1)
+    assert np.diff(blocks["imu"].device_s) == pytest.approx(0.01, abs=1e-4)
+    said_of = "system 9 component 1 sends HIGHRES_IMU too (choose with system, component)"
+    assert streams.faults("imu", line.now_s - 1.0) == (said_of,)
+    asked = PacketStreams(protocol_from_dict({**HIGHRES.to_dict(), "system": 1, "component": 1}))
+    asked.feed_many(heard)
+    assert asked.faults("imu", 0.0) == ()
+
+
+def test_a_port_opened_anew_goes_on_with_the_same_flight_controller(table):
+    line = table(PX4, changed(PX4, system=7))
+    before = begun(line, HIGHRES)
+    after = MavlinkConversation(HIGHRES)
+    after.remember(before)
+    late = table(changed(PX4, system=7), PX4)
+    after.begin(late.write, late.hear)
+    assert after.description == "PX4, MAVLink 2, system 1 component 1, beside system 7 component 1"
+    assert "HIGHRES_IMU" in late.controllers[1].rates
+    assert late.controllers[0].rates["HIGHRES_IMU"] == 4.0
+
+
+def test_what_is_wrong_may_be_asked_for_while_new_senders_are_met(table):
+    """By the thread that keeps a device, of the one that reads its port."""
+    line = table(PX4)
+    conversation = MavlinkConversation(HIGHRES)
+    beat = frame(line, "heartbeat", 2, 12, 0, 0, 3, 3)
+    strangers = [
+        frame(line, "scaled_imu", *[0] * 10, system=2 + n // 250, component=n % 250)
+        for n in range(driver.MOST_SEEN)
+    ]
+    failed, done = [], threading.Event()
+
+    def ask():
+        while not done.is_set():
+            try:
+                conversation.problem, conversation.description  # noqa: B018
+            except RuntimeError as error:
+                failed.append(error)
+
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    thread = threading.Thread(target=ask)
+    thread.start()
+    try:
+        for _ in range(20):
+            with conversation._knowing:
+                conversation._seen.clear()
+            for start in range(0, len(strangers), 32):
+                conversation.heard(beat + b"".join(strangers[start : start + 32]))
+                conversation.keep(line.write)
+    finally:
+        sys.setswitchinterval(interval_s)
+        done.set()
+        thread.join()
+    assert failed == []
 
 
 def test_a_rate_that_is_lost_is_asked_for_again(table):

@@ -210,7 +210,7 @@ STREAMS = {"noise": noise, "torn": torn, "damaged": damaged}
 
 def decode(protocol: DeviceProtocol, stream: Stream, chunk_bytes: int = CHUNK_BYTES) -> Outcome:
     """Decode a stream in chunks and see what came of it."""
-    decoder = protocol.decoder()
+    decoder = protocol.quick_decoder()  # the packets are without heartbeats
     view = memoryview(stream.data)
     ends: list[np.ndarray] = []
     pending = 0

@@ -39,7 +39,7 @@ class Bench:
         self._sensor = InertialSensor(
             config.sensor, config.kind.sensor_ranges, np.random.default_rng(config.seed)
         )
-        self._decoder = self.protocol.decoder()
+        self._decoder = self.protocol.quick_decoder()  # of what it sends later on
         self._factors = si_factors(self.layout)
         self._config = config
         self._time_s, self._counter = 0.0, 0

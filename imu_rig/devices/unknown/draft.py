@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from firmware_protocols.layout import PacketLayout
+from firmware_protocols.rows import RATES_HZ, TICKS_S
 from imu_rig.devices.unknown.analysis import UnknownPackets
 from imu_rig.devices.unknown.counting import Going, tick_s
 from imu_rig.devices.unknown.fields import Part, are_alike
@@ -69,7 +70,8 @@ def _described(found: UnknownPackets, table: str) -> list[str]:
         lines.append(_tick_line(found, found.clock))
         entries.append((found.clock.at, _going("time", found.clock, order, found)))
     if found.rate_hz is not None:
-        lines.append(f"rate_hz = {found.rate_hz:.4g} # as heard: put in the nominal rate")
+        rate_hz = _within(found.rate_hz, RATES_HZ)
+        lines.append(f"rate_hz = {rate_hz:.4g} # as heard: put in the nominal rate")
     entries += _measured(found, order)
     for _, entry in sorted(entries):
         lines += ["", f"[[{table}fields]]", *entry]
@@ -111,7 +113,12 @@ def _tick_line(found: UnknownPackets, clock: Going) -> str:
         return "clock_tick_s = 1e-6 # guess: seconds per count are not known"
     tick, usual = tick_s(clock.step, found.rate_hz)
     words = "guess: fits the rate" if usual else "measured: not exact"
-    return f"clock_tick_s = {tick!r} # {words}"
+    return f"clock_tick_s = {_within(tick, TICKS_S)!r} # {words}"
+
+
+def _within(value: float, limits: tuple[float, float]) -> float:
+    """Return what a layout may hold: the times of a capture may be nonsense."""
+    return min(max(value, limits[0]), limits[1])
 
 
 def may_be_wider(found: UnknownPackets, going: Going) -> bool:
