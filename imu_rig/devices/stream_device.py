@@ -186,9 +186,9 @@ class StreamDevice:
             return
         address = self._address or self.url
         conversation = conversation_for(self.protocol)
-        reader = PortReader(
         if self._conversation is not None and isinstance(conversation, Remembers):
             conversation.remember(self._conversation)
+        reader = PortReader(
             lambda: open_port(address, baud=self.baud),
             self._clock,
             self._take,
@@ -196,13 +196,13 @@ class StreamDevice:
             conversation=conversation,
             on_sent=self._sent or (lambda t_ns, data: None),
         )
-        try:
         self._conversation = conversation
         self._reader = reader  # from now on it can be stopped
+        try:
             reader.start()
         except DeviceError as error:
-            sentence = f"{self.name} on {self.url}: {error}"
             self._reader = before
+            sentence = f"{self.name} on {self.url}: {error}"
             raise (DeviceLost if isinstance(error, DeviceLost) else DeviceError)(
                 sentence
             ) from error
