@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from imu_rig.cli.options import Json
-from imu_rig.errors import InputError, StorageError, reason_of
+from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
@@ -90,10 +90,26 @@ def walk(
         raise InputError(f"simulate walk: {error}") from error
     if len(devices) > MOST_DEVICES:
         raise InputError(f"simulate walk: nobody carries more than {MOST_DEVICES} devices.")
+    _check_files(wanted, trial)
     if trial is not None:
         _write_trial(wanted, trial)
     else:
         _serve(wanted, speed, waits=not no_wait, once=once, tcp=tcp)
+
+
+def _check_files(wanted: _Wanted, trial: Path | None) -> None:
+    """Refuse names that cannot be written to, before anybody walks."""
+    from imu_rig.files import require_new
+    from simulators.walker.truth import WHAT, truth_files
+
+    if trial is not None:
+        require_new(trial, what="a trial")
+    if wanted.truth is None:
+        return
+    for file in truth_files(wanted.truth, wanted.walker).values():
+        require_new(file, what=WHAT)
+        if trial is not None and file.absolute() == trial.absolute():
+            raise InputError(f"simulate walk: {file} cannot be both trial and truth.")
 
 
 def _list(as_json: bool) -> None:
@@ -220,10 +236,7 @@ def _write_truth(wanted: _Wanted, units: Iterable[UnitRecord]) -> None:
     from simulators.walker.truth import write_truth
 
     assert wanted.truth is not None
-    try:
-        written = write_truth(wanted.truth, wanted.walker, units)
-    except OSError as error:
-        raise StorageError(f"{wanted.truth}: {reason_of(error)}") from error
+    written = write_truth(wanted.truth, wanted.walker, units)
     _talk(f"The truth is in {', '.join(map(str, written))}.")
 
 

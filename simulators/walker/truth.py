@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from imu_rig.files import whole_file
 from imu_rig.units import DEG
 from simulators.walker.feet import Phase
 from simulators.walker.record import UnitRecord
@@ -58,6 +60,22 @@ PHASES = {int(phase): phase.name.lower().replace("_", "-") for phase in Phase}
 WAIST_PHASE = ""
 
 ROWS = 2000
+WHAT = "the truth of a walk"
+
+
+def truth_files(path: Path, walker: Walker) -> dict[str, Path]:
+    """Return where the truth of a walk goes: samples, and strides and turns if there are any.
+
+    Parameters
+    ----------
+    path : Path
+        Of the table of samples; the others are called NAME-strides.csv and NAME-turns.csv.
+    walker : Walker
+    """
+    there = {"strides": any(len(falls) > 1 for falls in walker.falls), "turns": bool(walker.turns)}
+    return {"samples": path} | {
+        what: path.with_name(f"{path.stem}-{what}{path.suffix}") for what in there if there[what]
+    }
 
 
 def write_truth(path: Path, walker: Walker, units: Iterable[UnitRecord]) -> list[Path]:
@@ -66,31 +84,31 @@ def write_truth(path: Path, walker: Walker, units: Iterable[UnitRecord]) -> list
     Parameters
     ----------
     path : Path
-        Of the table of samples; the others are called NAME-strides.csv and NAME-turns.csv.
+        Of the table of samples.
     walker : Walker
     units : of UnitRecord
 
     Returns
     -------
     list of Path
-        The files written, overwritten where they existed.
+        The files written; see `truth_files`.
 
     Raises
     ------
-    OSError
+    InputError
+        If one exists.
+    StorageError
         If one cannot be written.
     """
-    written = [path]
-    _write(path, COLUMNS, (row for unit in units for row in sample_rows(unit)))
-    strides = list(stride_rows(walker))
-    if strides:
-        written.append(path.with_name(f"{path.stem}-strides{path.suffix}"))
-        _write(written[-1], STRIDE_COLUMNS, strides)
-    if walker.turns:
-        written.append(path.with_name(f"{path.stem}-turns{path.suffix}"))
-        turns = [(*map(_text, (begin, end, angle / DEG)),) for begin, end, angle in walker.turns]
-        _write(written[-1], TURN_COLUMNS, turns)
-    return written
+    tables: dict[str, tuple[Sequence[str], Iterable[Sequence[str]]]] = {
+        "samples": (COLUMNS, (row for unit in units for row in sample_rows(unit))),
+        "strides": (STRIDE_COLUMNS, stride_rows(walker)),
+        "turns": (TURN_COLUMNS, turn_rows(walker)),
+    }
+    files = truth_files(path, walker)
+    for what, file in files.items():
+        _write(file, *tables[what])
+    return list(files.values())
 
 
 def sample_rows(unit: UnitRecord) -> Iterator[Sequence[str]]:
@@ -138,6 +156,12 @@ def stride_rows(walker: Walker) -> Iterator[Sequence[str]]:
             yield _stride(number, fall, after)
 
 
+def turn_rows(walker: Walker) -> Iterator[Sequence[str]]:
+    """Yield the turns."""
+    for begin, end, angle in walker.turns:
+        yield tuple(map(_text, (begin, end, angle / DEG)))
+
+
 def stride_lengths(falls: Sequence[Footfall]) -> FloatArray:
     """Return the horizontal lengths of a foot's strides [m]."""
     balls = np.array([fall.ball for fall in falls])
@@ -170,7 +194,9 @@ def _text(value: float) -> str:
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
+    with whole_file(path, what=WHAT) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+        writer = csv.writer(text)
         writer.writerow(columns)
         writer.writerows(rows)
+        text.detach()  # writes what is left, and leaves the file open

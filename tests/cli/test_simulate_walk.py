@@ -53,20 +53,27 @@ def test_a_walk_on_ports_ends_when_it_is_over(inside, tmp_path):
         (["--device", "foot"], "--device 'foot' is not NAME=KIND[@PLACE]"),
         (["--device", "a=mpu9150@head"], "a: there is no place 'head'; take left-foot, "),
         (["--device", "a=mpu9150", "--device", "a=mpu9150"], "two devices 'a'"),
-        (["half-circle", "--truth", "/nowhere/x.csv", "--trial", "{}"], "/nowhere/x.csv: No such"),
+        (["half-circle", "--truth", "/nowhere/x.csv", "--trial", "{}"], "/nowhere is not a folder"),
+        (["half-circle", "--truth", "{}", "--trial", "{}"], "cannot be both trial and truth"),
     ],
 )
 def test_what_cannot_be_walked_is_named_in_a_sentence(inside, arguments, sentence, tmp_path):
     trial = str(tmp_path / "t.imu-trial")
-    code = 5 if "--truth" in arguments else 2
-    done = inside("simulate", "walk", *(a.format(trial) for a in arguments), code=code)
+    done = inside("simulate", "walk", *(a.format(trial) for a in arguments), code=2)
     assert sentence in done.stderr
     assert done.stderr.count("\n") <= 2
 
 
-def test_a_trial_that_exists_is_kept(inside, tmp_path):
-    trial = tmp_path / "t.imu-trial"
-    trial.write_bytes(b"mine")
-    done = inside("simulate", "walk", "half-circle", "--trial", trial, code=2)
-    assert "t.imu-trial" in done.stderr
-    assert trial.read_bytes() == b"mine"
+@pytest.mark.parametrize(
+    ("option", "mine"),
+    [("--trial", "t.csv"), ("--truth", "t.csv"), ("--truth", "t-strides.csv")],
+)
+def test_files_that_exist_are_kept(inside, tmp_path, option, mine):
+    kept = tmp_path / mine
+    kept.write_bytes(b"mine")
+    link = tmp_path / "t-turns.csv"
+    link.symlink_to(kept)
+    done = inside("simulate", "walk", "straight-50m", "--once", option, tmp_path / "t.csv", code=2)
+    assert f"{mine} exists" in " ".join(done.stderr.split())
+    assert kept.read_bytes() == b"mine"
+    assert set(tmp_path.iterdir()) == {kept, link}
