@@ -108,7 +108,7 @@ def align(data: bytes, period: int) -> Aligned | None:
         if len(starts) < max(LEAST_PACKETS, 0 if best is None else AS_MANY * len(best.rows)):
             continue  # what stays the same in part of the packets is no header
         rows = values[starts[:, None] + np.arange(period)]
-        same = np.count_nonzero(constant_places(rows))
+        same = int(np.count_nonzero(constant_places(rows)))
         if same > most:
             best, most = Aligned(rows, starts), same
     return best
