@@ -382,9 +382,10 @@ def _print_draft(
 
 
 def _text_lines(heard: Heard) -> list[str]:
+    from imu_rig.devices.recognize import without_escapes
     from imu_rig.foreign_text import one_line
 
-    lines = heard.data[:4096].decode("ascii", errors="replace").splitlines()
+    lines = without_escapes(heard.data[:4096]).splitlines()
     return [one_line(line, 80) for line in lines[1 : TEXT_LINES + 1] if line.strip()]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -26,6 +27,10 @@ UNPROVEN_SHARE = 0.9
 """Of the bytes, what packets of several kinds without checksums must make up."""
 
 LONGEST_TEXT = 40
+ESCAPES = re.compile(rb"\x1b(?:\[[0-?]*[ -/]*[@-~]|[@-Z\\-_])")
+"""What terminals take for colours: logs of boards are full of it."""
+
+UNREADABLE = "\N{REPLACEMENT CHARACTER}"
 
 
 @dataclass(frozen=True)
@@ -184,13 +189,18 @@ def explain_unknown(
 
 def text_in(data: bytes) -> str | None:
     """Return a line of the text that ``data`` are; None if they are none."""
-    values = np.frombuffer(data, np.uint8)
-    printable = np.isin(values, [9, 10, 13]) | ((values >= 32) & (values < 127))
-    if len(values) < MIN_BYTES or printable.mean() < SHARE_OF_TEXT:
+    text = without_escapes(data)
+    sound = sum(c in "\t\r\n" or (c.isprintable() and c != UNREADABLE) for c in text)
+    if len(data) < MIN_BYTES or sound < SHARE_OF_TEXT * len(text) or not text:
         return None
-    lines = data[: 10 * LONGEST_TEXT].decode("ascii", errors="replace").splitlines()
+    lines = text[: 10 * LONGEST_TEXT].splitlines()
     whole = lines[1:-1] or lines
     return one_line(max(whole, key=len) if whole else "", LONGEST_TEXT)
+
+
+def without_escapes(data: bytes) -> str:
+    """Return bytes as text, without what sets colours in it."""
+    return ESCAPES.sub(b"", data).decode("utf-8", errors="replace")
 
 
 def _in_rows(ends: IntArray, layout: PacketLayout) -> bool:

@@ -39,6 +39,8 @@ def heard(data, baud=115_200, url="/dev/ttyUSB9", **more):
         (NOISE, "noise", "baud rate (115200) is wrong"),
         (b"", "silent", "sends nothing"),
         (b"t=1.00 ax=0.1\r\n" * 40, "text", "text ('t=1.00 ax=0.1')"),
+        (b"\x1b[0;32mI (312) cpu: up\x1b[0m\r\n" * 9, "text", "text ('I (312) cpu: up')"),
+        ("Luft 21.5 °C\r\n".encode() * 9, "text", "text ('Luft 21.5 °C')"),
         (bytes.fromhex("FAFF3100D0"), "known", "Config state"),
         (b"\x00" * 900, "noise", "nothing but the byte 00"),
     ],

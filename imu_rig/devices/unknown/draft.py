@@ -162,10 +162,12 @@ def _measured(found: UnknownPackets, order: str) -> list[tuple[int, list[str]]]:
             continue
         gravity = found.gravity
         count = 3 if _are_axes(found, index) else 1
-        number += 1
-        lines = [f'name = "raw{number}"', f'type = "{part.type}"']
         if gravity is not None and gravity.first == index:
-            lines[0] = 'name = "accel" # guess: the magnitude of the three stays that of gravity'
+            name = 'name = "accel" # guess: the magnitude of the three stays that of gravity'
+        else:
+            number += 1
+            name = f'name = "raw{number}"'
+        lines = [name, f'type = "{part.type}"']
         if count > 1:
             lines.append(f"count = {count}")
         if part.size > 1 and part.byte_order != order:
