@@ -98,8 +98,8 @@ class Samples:
     values : dict
         Field name to its numbers, shape (n,) or (n, k). Pads, counter and clock are left out.
     units : dict
-        Field name to its unit: "m/s2" for accel, "rad/s" for gyro, "uT" for mag and "degC" for
-        temperature, else what the layout says; "" for counts.
+        Field name to its unit: "m/s2" for accel, "rad/s" for gyro, "uT" for mag, "degC" for
+        temperature and "Pa" for pressure, else what the layout says; "" for counts and flags.
     """
 
     t: FloatArray

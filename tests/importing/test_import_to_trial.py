@@ -172,7 +172,10 @@ def test_a_sensor_that_is_no_imu(tmp_path, path):
     recording = foreign(path, baro=pressure, imu=stream(np.arange(99) / 100))
     trial, _ = trial_of(tmp_path, recording, name="waist")
     assert list(trial.sources) == ["waist-baro", "waist-imu"]
-    require_same(trial.samples("waist-baro"), pressure)
+    samples = trial.samples("waist-baro")
+    assert samples.units == {"pressure": "Pa"}  # SI, whatever the file's unit was
+    in_pascal = replace(pressure, values={"pressure": 100.0 * pressure.values["pressure"]})
+    require_same(samples, in_pascal)
     assert trial.source("waist-baro").kind == "pressure"
 
 
