@@ -30,6 +30,8 @@ def make_stream(seconds=SECONDS):
         sender.seq = (sender.seq + 1) % 256
 
     for k in range(100 * seconds):
+        if k % 100 == 0:
+            say(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
         say(
             mavlink.MAVLink_highres_imu_message(
                 10_000 * k, *rng.normal(size=9).tolist(), 1013.25, 0.0, 0.0, 31.0, 0x1FFF
@@ -39,8 +41,6 @@ def make_stream(seconds=SECONDS):
             say(mavlink.MAVLink_attitude_message(10 * k, *rng.normal(size=6).tolist()))
         if k % 10 == 0:
             say(mavlink.MAVLink_scaled_pressure_message(10 * k, 1013.25, 0.0, 2500))
-        if k % 100 == 0:
-            say(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
     return b"".join(frames)
 
 
