@@ -110,7 +110,7 @@ def decode(stream, cuts=()):
     return found, decoder
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(TINY_STREAMS)
 @example(b"")
 @example(b"\x02")
@@ -124,7 +124,7 @@ def test_arrays_and_plain_python_follow_the_rule(stream):
     assert said(find_frames(TINY, stream)) == rule
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(TINY_STREAMS, st.data())
 def test_chunks_do_not_matter(stream, data):
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=6))

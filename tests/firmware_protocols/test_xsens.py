@@ -253,7 +253,7 @@ def test_a_known_item_of_another_size_is_skipped_too():
     assert rows["gyro"].tolist() == [[1, 2, 3]]
 
 
-@pytest.mark.parametrize("number", [np.inf, -np.inf, np.nan, 3e38, 0.0])
+@pytest.mark.parametrize("number", [-np.inf, np.nan, 3e38])
 @pytest.mark.parametrize("base", [base for base, item in ITEMS.items() if item.code == "f"])
 def test_numbers_that_are_none_are_taken_without_a_word(base, number):
     for axes in (0x0, 0x4, 0x8) if ITEMS[base].earth else (0x0,):

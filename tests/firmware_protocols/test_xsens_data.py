@@ -67,7 +67,7 @@ def test_numbers_in_each_format(number_format, text, value):
 
 @pytest.mark.parametrize("number_format", IN_RANGE)
 def test_every_number_survives_the_way_there_and_back(number_format):
-    @settings(max_examples=30)
+    @settings(max_examples=20)
     @given(st.lists(IN_RANGE[number_format], min_size=3, max_size=3))
     def way(numbers):
         sent = write_numbers(np.array([numbers]), number_format)
@@ -85,7 +85,7 @@ def test_fixed_point_stays_at_the_end_of_its_range(number_format):
     assert low == -limit
 
 
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(st.binary(max_size=80))
 def test_items_of_any_bytes_are_found_or_the_message_is_refused(data):
     items = find_items(data)
@@ -115,7 +115,7 @@ def test_sizes_follow_from_identifier_and_format():
         assert item_of(strange) is None
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(UNIT)
 def test_orientations_are_the_same_however_they_are_sent(q):
     q = np.array(q) / np.linalg.norm(q)
