@@ -11,11 +11,13 @@ from imu_rig.arrays import FloatArray
 EARTH_UT = (0.0, 22.0, -45.0)
 """The Earth's field with magnetic north to the left of where a walk sets out [uT]."""
 
-SPACING_M = 3.0
+SPACING_M = 1.5
 """Iron is about so far apart."""
-REACH_M = 4.0
-SOFTENING_M = 0.35
-"""Half the size of a piece of iron: nearer than this its field does not grow."""
+REACH_M = 3.0
+SOFTENING_M = 1.0
+"""Half the size of a piece of iron: nearer than this its field does not grow.
+
+Many wide pieces bend the field everywhere; a few small ones in a single spot of a way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class MagneticField:
         return field
 
 
-GREATEST = 60.0
+GREATEST = 200.0
 """Of the moments, where a way is too short for the field to vary along it [uT m^3]."""
 
 

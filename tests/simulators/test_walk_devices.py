@@ -1,17 +1,19 @@
 """Devices that a person carries: the bytes of every kind, alike in one go and piece by piece."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from firmware_protocols.known import load_protocol
 from firmware_protocols.packets import values
-from imu_rig.altitude import altitude
+from imu_rig.altitude import altitude, pressure_at
 from imu_rig.units import DEG, STANDARD_GRAVITY
 from simulators.imu_kinds import IMU_KINDS
 from simulators.walker.air import weather
 from simulators.walker.device import Carried, CarriedDevice
+from simulators.walker.field import MagneticField, building_field
 from simulators.walker.path import Straight
 from simulators.walker.record import record_walk
 from simulators.walker.scenarios import Scenario
@@ -122,6 +124,32 @@ def test_iron_changes_the_field_along_the_way_by_what_is_asked_for():
     assert np.abs(foot - norm).max() > 3.0  # elsewhere it is another field
 
 
+def test_iron_is_felt_all_along_the_way_and_by_the_feet_too():
+    for seed in range(1, 6):
+        person = Walker("straight-50m", seed)
+        t = np.arange(5.0, person.end_s - 5.0, 0.2)
+        for place in ("left-foot", "waist"):
+            norm = np.linalg.norm(person.sensor(place).at(t).field, axis=1)
+            assert 0.05 < norm.std() / norm.mean() < 0.3
+            assert norm.max() < 150.0
+            quarters = [part.std() / norm.mean() for part in np.array_split(norm, 4)]
+            assert np.sort(quarters)[1] > 0.01  # more than one spot
+
+
+def test_the_field_of_iron_has_neither_sources_nor_eddies():
+    rng = np.random.default_rng(4)
+    field = building_field(np.stack([np.linspace(0, 9, 50), *np.zeros((2, 50))], axis=1), rng)
+    # one piece, from further off than its size: a dipole
+    iron = MagneticField(np.zeros(3), np.zeros((1, 3)), field.moments[:1])
+    here, step = rng.uniform(30.0, 40.0, (20, 3)), 1e-3
+    slopes = np.stack(
+        [(iron.at(here + d) - iron.at(here - d)) / (2 * step) for d in step * np.eye(3)], axis=1
+    )
+    size = np.abs(slopes).max(axis=(1, 2))
+    assert np.abs(np.trace(slopes, axis1=1, axis2=2) / size).max() < 0.01
+    assert np.abs((slopes - slopes.transpose(0, 2, 1)) / size[:, None, None]).max() < 0.01
+
+
 def test_the_air_follows_height_and_drifts_as_barometers_do():
     air = weather(np.random.default_rng(1), 3600.0)
     t = np.arange(0.0, 3600.0, 60.0)
@@ -137,6 +165,16 @@ def test_the_air_follows_height_and_drifts_as_barometers_do():
     waist = record_walk(person, [Carried("waist", "waist-unit")])["waist"].units[0]
     climbed = altitude(waist.pressure[-50:]).mean() - altitude(waist.pressure[:50]).mean()
     assert climbed == pytest.approx(20 * 0.17, abs=0.02)
+
+
+def test_the_air_is_as_restless_as_the_documentation_says():
+    t = np.arange(0.0, 600.0, 60.0)
+    quiet = [weather(np.random.default_rng(seed), 600.0) for seed in range(60)]
+    calm = [replace(air, gusts=air.gusts[:0], doors=air.doors[:0]) for air in quiet]
+    drifts = [np.diff(altitude(air.pressure(t, 0.0 * t))) for air in calm]
+    assert np.sqrt(np.mean(np.square(drifts))) == pytest.approx(0.1, rel=0.25)
+    pascals_per_metre = float(pressure_at(0.0) - pressure_at(1.0))
+    assert quiet[0].noise_pa / pascals_per_metre == pytest.approx(0.07, rel=0.02)
 
 
 def test_places_follow_from_names_and_what_is_not_there_is_named():
