@@ -107,7 +107,7 @@ def split(stream):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=100)
+@settings(max_examples=70)
 @given(stream=TINY_STREAMS, cuts=st.lists(st.integers(0, 60), max_size=8))
 def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
     layout = TINY[name]
@@ -124,7 +124,7 @@ def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(stream=TINY_STREAMS, in_sync=st.booleans())
 @example(stream=b"\x01\x00\x01\x01\x00\x01\x00", in_sync=True)
 def test_array_form_and_plain_form_find_the_same(name, stream, in_sync):

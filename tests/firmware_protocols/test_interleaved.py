@@ -107,7 +107,7 @@ def packets_of(protocol, name, number, seed=0):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=80)
+@settings(max_examples=60)
 @given(stream=TINY_STREAMS, cuts=st.lists(st.integers(0, 60), max_size=8))
 def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
     protocol = TINY[name]
@@ -123,7 +123,7 @@ def test_decoder_follows_the_rule_in_any_chunking(name, stream, cuts):
 
 
 @pytest.mark.parametrize("name", TINY)
-@settings(max_examples=120)
+@settings(max_examples=80)
 @given(stream=TINY_STREAMS, in_sync=st.booleans())
 def test_array_form_and_plain_form_find_the_same(name, stream, in_sync):
     kinds = Kinds(tuple(layout for _, layout in TINY[name].layouts))

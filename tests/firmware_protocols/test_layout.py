@@ -103,7 +103,7 @@ def layouts(draw):
     )
 
 
-@settings(max_examples=70)
+@settings(max_examples=50)
 @given(layouts())
 def test_plain_data_and_a_file_hold_the_whole_layout(layout):
     again = PacketLayout.from_dict(json.loads(json.dumps(layout.to_dict())))
@@ -133,7 +133,7 @@ def test_what_a_screen_would_obey_is_no_text_of_a_layout(letter):
             protocol_from_dict({**described, "name": "x", "title": text})
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(layouts())
 def test_row_type_has_no_gaps(layout):
     assert layout.dtype.itemsize == layout.length

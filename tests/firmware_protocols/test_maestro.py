@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocols.maestro import (
@@ -146,6 +146,7 @@ def test_reply_lengths():
     assert reply_length(MiniSscTarget(0, 0)) == 0
 
 
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(COMMANDS, st.booleans()) | st.tuples(OF_BYTES, st.just(False)), max_size=20),
     st.integers(0, 127),

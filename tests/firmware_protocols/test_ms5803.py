@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocols import ms5803
@@ -110,6 +110,7 @@ class TestPrintedExamples:
 
 class TestCompensation:
     @pytest.mark.parametrize("variant", ms5803.VARIANTS)
+    @settings(max_examples=60)
     @given(words=st.lists(word, min_size=8, max_size=8), d1=count, d2=count)
     def test_no_input_overflows(self, variant, words, d1, d2):
         """Against integers of any length, worked as the data sheets print them."""
