@@ -174,7 +174,11 @@ def test_a_sensor_that_is_no_imu(tmp_path, path):
     assert list(trial.sources) == ["waist-baro", "waist-imu"]
     samples = trial.samples("waist-baro")
     assert samples.units == {"pressure": "Pa"}  # SI, whatever the file's unit was
-    in_pascal = replace(pressure, values={"pressure": 100.0 * pressure.values["pressure"]})
+    in_pascal = replace(
+        pressure,
+        values={"pressure": 100.0 * pressure.values["pressure"]},
+        units={"pressure": "Pa"},
+    )
     require_same(samples, in_pascal)
     assert trial.source("waist-baro").kind == "pressure"
 
