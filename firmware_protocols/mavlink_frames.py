@@ -318,7 +318,7 @@ class MavlinkFrameDecoder(FrameDecoder):
         stats = super().stats
         headers, size = self._unknown_headers, self._unknown_bytes
         if self._last_end >= 0:  # what follows the last frame may yet turn out to be unknown
-            decided = self._since[: self._tail_offset - self._last_end]
+            decided = self._since[: self._undecided.offset - self._last_end]
             if _unknown_messages(decided, cut_short=True) is not None:
                 headers += _headers(decided)
                 size += len(decided)
@@ -326,7 +326,7 @@ class MavlinkFrameDecoder(FrameDecoder):
 
     def cut(self) -> None:
         """Let no frame lie on both sides of here: something may be missing before what comes."""
-        decided = self._tail_offset
+        decided = self._undecided.offset
         super().cut()
         if self._last_end >= 0:
             self._settle(self._since[: decided - self._last_end], cut_short=True)

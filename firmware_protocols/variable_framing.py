@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_protocols.checksums import rows_per_block
-from firmware_protocols.decoder import PIECE_BYTES, SHORT_BYTES, DecodeStats, Packets
+from firmware_protocols.decoder import SHORT_BYTES, DecodeStats, Packets
+from firmware_protocols.undecided import Undecided, pieces
 
 Bytes = npt.NDArray[np.uint8]
 Positions = npt.NDArray[np.int64]
@@ -270,11 +271,7 @@ class FrameDecoder(ABC):
 
     def __init__(self, form: FrameFormat) -> None:
         self._form = form
-        self._tail = b""
-        self._tail_offset = 0  # where the tail begins in the stream
-        self._good = 0
-        self._corrupt = 0
-        self._skipped = 0
+        self._undecided = Undecided()
 
     @abstractmethod
     def _read(self, frames: FramedBytes) -> dict[str, Packets]:
@@ -283,38 +280,34 @@ class FrameDecoder(ABC):
     @property
     def pending(self) -> int:
         """Bytes received but not decided yet: fewer than the longest frame has."""
-        return len(self._tail)
+        return len(self._undecided.tail)
 
     @property
     def stats(self) -> DecodeStats:
         """Statistics of the frames decided so far; ``good`` counts frames of every kind."""
-        return DecodeStats(self._good, self._corrupt, self._skipped)
+        return self._undecided.stats
 
     def feed(self, data: bytes | bytearray | memoryview) -> dict[str, Packets]:
         """Return the packets of each stream that these next bytes complete."""
-        view = memoryview(data).cast("B")
-        parts = [
-            self._feed_piece(view[start : start + PIECE_BYTES])
-            for start in range(0, max(len(view), 1), PIECE_BYTES)
-        ]
+        parts = [self._feed_piece(piece) for piece in list(pieces(data)) or [memoryview(b"")]]
         if len(parts) == 1:
             return parts[0]
         return {name: Packets.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def cut(self) -> None:
         """Let no frame lie on both sides of here: something may be missing before what comes."""
-        self._skipped += len(self._tail)
-        self._tail_offset += len(self._tail)
-        self._tail = b""
+        self._undecided.cut()
 
     def _feed_piece(self, piece: memoryview) -> dict[str, Packets]:
-        joined = b"".join((self._tail, piece))
+        joined = self._undecided.joined(piece)
         found = find_frames(self._form, joined)
         data = np.frombuffer(joined, dtype=np.uint8)
-        frames = FramedBytes(data, found.starts, found.lengths, self._tail_offset)
-        self._good += len(found.starts)
-        self._corrupt += found.corrupt
-        self._skipped += found.decided - int(found.lengths.sum())
-        self._tail = joined[found.decided :]
-        self._tail_offset += found.decided
+        frames = FramedBytes(data, found.starts, found.lengths, self._undecided.offset)
+        self._undecided.decide(
+            joined,
+            found.decided,
+            good=len(found.starts),
+            taken=int(found.lengths.sum()),
+            corrupt=found.corrupt,
+        )
         return self._read(frames)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from firmware_protocols import variable_framing
+from firmware_protocols import undecided
 from firmware_protocols.decoder import Packets
 from firmware_protocols.variable_framing import (
     FrameDecoder,
@@ -162,7 +162,7 @@ def test_a_cut_loses_what_is_undecided_and_nothing_else():
 
 
 def test_pieces_join(monkeypatch):
-    monkeypatch.setattr(variable_framing, "PIECE_BYTES", 1100)
+    monkeypatch.setattr(undecided, "PIECE_BYTES", 1100)
     stream = b"\x01\x03\x01\x01\x00\x02" * 700
     found, decoder = decode(stream)
     assert found == [(end, 6) for end in range(6, len(stream) + 1, 6)]
