@@ -30,6 +30,7 @@ from serial.tools import list_ports
 
 from firmware_protocols.unconfirmed import MAESTRO_COMMAND_INTERFACE
 from imu_rig.errors import DeviceLost, PortError, PortMissing, reason_of
+from imu_rig.foreign_text import one_line
 
 try:
     import grp
@@ -55,6 +56,10 @@ USB = "usb:"
 NETWORK_SCHEMES = ("socket", "rfc2217")
 
 _INTERFACE = re.compile(r":\d+\.(\d+)$")
+_SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")
+"""Serial numbers that an option may hold as they are: a comma would begin another option."""
+
+LONGEST_DESCRIPTION = 60
 
 # SerialException is an OSError
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, *_TERMIOS_ERRORS)
@@ -107,6 +112,7 @@ def seen_ports() -> list[SeenPort]:
     found = []
     for port in list_ports.comports():
         description = "" if port.description in (None, "n/a") else str(port.description)
+        description = one_line(description, LONGEST_DESCRIPTION)
         place = getattr(port, "location", None)
         found.append(
             SeenPort(port.device, description, port.vid, port.pid, port.serial_number, place)
@@ -132,6 +138,8 @@ def find_usb(address: str) -> str:
     """
     parts = address.removeprefix(USB).split(":", 2)
     try:
+        if not parts[-1]:
+            raise ValueError
         vendor, product = (int(p, 16) for p in parts[:2]) if len(parts) > 1 else (None, None)
     except ValueError:
         raise PortError(
@@ -159,11 +167,14 @@ def find_usb(address: str) -> str:
 def usb_address(url: str) -> str | None:
     """Return by what address the device at a port can be found again; None where there is none.
 
-    A device file changes with the order of plugging in, a serial number does not.
+    A device file changes with the order of plugging in, a serial number does not. One with other
+    characters than letters, digits, dots and dashes is none that a command could name.
     """
     ports = seen_ports()
     here = next((port for port in ports if port.url == url and port.serial_number), None)
     if here is None or here.vendor is None or here.product is None:
+        return None
+    if not _SERIAL.fullmatch(here.serial_number or ""):
         return None
     same = [p for p in ports if (p.vendor, p.serial_number) == (here.vendor, here.serial_number)]
     if _command_ports(same) != [here]:  # one device with several ports
@@ -268,6 +279,8 @@ def open_port(url: str, *, baud: int = DEFAULT_BAUD) -> Port:
     PortError
         If there is no such port, or it may not be opened, or is in use.
     """
+    if not url.strip():
+        raise PortError("No port is named: `imu-rig devices` lists them.")
     address = _network_address(url)
     if address is not None and url.lower().startswith("socket:"):
         return _SocketPort(url, address)

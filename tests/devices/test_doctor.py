@@ -321,6 +321,9 @@ def test_a_maestro_is_asked_only_when_told_to(monkeypatch):
     ]
     (check,) = check_maestro(None, seen)
     assert check.commands == ("imu-rig doctor --maestro /dev/ttyACM0",)
+    assert check.found.startswith("/dev/ttyACM0 and /dev/ttyACM1 belong to a Maestro;")
+    (alone,) = check_maestro(None, seen[1:])
+    assert alone.found == "/dev/ttyACM1 belongs to a Maestro."
     assert check_maestro(None, seen[2:]) == []
 
 

@@ -6,6 +6,7 @@ import time
 import tty
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -145,6 +146,29 @@ def test_a_device_is_heard_at_its_rate():
         finding = find_out(port, 0.4)
     assert finding.state == "recognized"
     assert finding.heard.rate(len(finding.heard.data) // 28) == pytest.approx(100.0, rel=0.15)
+
+
+class Paced:
+    """A port that had held back ten packets and goes on with one every 10 ms, on its own time."""
+
+    def __init__(self):
+        self.now, self.sent = 0.0, 0
+
+    def read(self, timeout_s):
+        self.now += 0.01
+        self.sent += 1
+        return bytes(280 if self.sent == 1 else 28)
+
+    def close(self):
+        pass
+
+
+def test_what_had_come_before_does_not_count_into_the_rate(monkeypatch):
+    port = Paced()
+    monkeypatch.setattr(listening, "open_port", lambda url, baud: port)
+    monkeypatch.setattr(listening, "time", SimpleNamespace(monotonic=lambda: port.now))
+    found = listen("/dev/made-up", 0.5)
+    assert found.rate(len(found.data) // 28) == pytest.approx(100.0, rel=0.01)
 
 
 def test_a_flood_is_bounded():

@@ -48,6 +48,26 @@ def test_an_address_is_what_finds_the_port_again(plugged):
         assert find_usb(usb_address(port)) == port
 
 
+@pytest.mark.parametrize("serial", ["1,layout=zzz", "a\x1b[2Jb", "two words", "x" * 65, "é"])
+def test_a_serial_number_that_is_more_than_that_is_no_address(plugged, serial):
+    plugged[0].serial_number = serial
+    assert usb_address("/dev/ttyUSB0") is None
+
+
+def test_descriptions_from_outside_are_short_and_plain(plugged):
+    plugged[0].description = "cl\x1bear " + "very " * 1000 + "long"
+    described = {port.url: port.description for port in ports.seen_ports()}["/dev/ttyUSB0"]
+    assert described.isprintable()
+    assert len(described) <= 60
+
+
+@pytest.mark.parametrize("address", ["", " ", "usb:", "usb:0403:", "usb:0403:6001:"])
+def test_an_address_without_a_device_is_none(plugged, address):
+    with pytest.raises(PortError) as refused:
+        open_port(address)
+    assert not isinstance(refused.value, PortMissing)  # which would be waited for
+
+
 def test_a_serial_number_noted_on_windows_is_found_elsewhere(plugged):
     assert find_usb("usb:0403:6001:FT1A") == "/dev/ttyUSB0"
     with pytest.raises(PortMissing):  # of other makers the letter may be part of the number

@@ -20,11 +20,13 @@ def check_maestro(port: str | None, ports: list[SeenPort]) -> list[Check]:
     seen = [one.url for one in ports if one.is_maestro]
     if not seen:
         return []
+    both = len(seen) > 1
     return [
         Check(
             "Maestro",
             "ok",
-            f"{' and '.join(seen)} belong to a Maestro; the first is usually its command port.",
+            f"{' and '.join(seen)} belong{'' if both else 's'} to a Maestro"
+            + ("; the first is usually its command port." if both else "."),
             "To ask whether it listens (which clears its register of errors):",
             (f"imu-rig doctor --maestro {seen[0]}",),
         )
