@@ -110,6 +110,18 @@ class _Kinds(Mapping[str, ImuKind]):
 IMU_KINDS: Mapping[str, ImuKind] = _Kinds()
 
 
+def kind_of(name: str) -> str:
+    """Return the kind of a name: its own, or that of the protocol that it speaks.
+
+    Raises :class:`ValueError`, listing the kinds, where there is none.
+    """
+    if name not in PLACES:
+        speaking = (kind.name for kind in IMU_KINDS.values() if kind.protocol == name)
+        name = next(speaking, name)
+    check_kind(name)
+    return name
+
+
 def check_kind(name: str) -> None:
     """Raise :class:`ValueError`, listing the kinds, for one that there is not."""
     if name not in PLACES:

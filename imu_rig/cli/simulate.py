@@ -42,11 +42,11 @@ def rig(
     from imu_rig.cli.signals import stop_on_signals
     from imu_rig.clock import SystemClock
     from imu_rig.stopping import StopRequest
-    from simulators.imu_kinds import DEFAULT_KIND
+    from simulators.imu_kinds import DEFAULT_KIND, kind_of
     from simulators.rig import RigConfig, SimulatedRig
 
     try:
-        config = RigConfig.random(seed, imu=imu or DEFAULT_KIND)
+        config = RigConfig.random(seed, imu=kind_of(imu or DEFAULT_KIND))
     except ValueError as error:
         raise InputError(f"--imu: {error}") from error
     if factory:

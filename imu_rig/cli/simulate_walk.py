@@ -48,7 +48,8 @@ def walk(
             "--device",
             metavar="NAME=KIND[@PLACE]",
             help="A device and where it is worn: left-foot, right-foot or waist. Several times for "
-            f"several. Default: {' and '.join(DEFAULT_DEVICES)}.",
+            "several. KIND is that of the device or its layout. Default: "
+            f"{' and '.join(DEFAULT_DEVICES)}.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which person, building and devices.")] = 1,
@@ -125,7 +126,7 @@ def _list(as_json: bool) -> None:
 
 def _device(text: str) -> Carried:
     """Read NAME=KIND[@PLACE]; raises ValueError with a sentence."""
-    from simulators.imu_kinds import check_kind
+    from simulators.imu_kinds import kind_of
     from simulators.walker.device import Carried
 
     name, equals, rest = text.partition("=")
@@ -136,8 +137,7 @@ def _device(text: str) -> Carried:
             "as in foot=mpu9150@left-foot."
         )
     name, kind, place = (one_line(part.strip(), 40) for part in (name, kind, place))
-    check_kind(kind)
-    carried = Carried(name, kind, place or None)
+    carried = Carried(name, kind_of(kind), place or None)
     carried.worn_at()
     return carried
 

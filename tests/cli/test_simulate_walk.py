@@ -18,7 +18,7 @@ def test_walks_are_listed(inside):
 
 def test_a_walk_becomes_a_trial_with_its_truth(inside, tmp_path):
     trial, truth = tmp_path / "walk.imu-trial", tmp_path / "truth.csv"
-    devices = ("left-foot=mpu9150", "mti=xsens-mti@right-foot")
+    devices = ("left-foot=mpu9150-28", "mti=xsens-mti@right-foot")
     done = inside(
         *("simulate", "walk", "half-circle", "--json"),
         *(part for device in devices for part in ("--device", device)),
@@ -53,6 +53,7 @@ def test_a_walk_on_ports_ends_when_it_is_over(inside, tmp_path):
         (["--device", "foot"], "--device 'foot' is not NAME=KIND[@PLACE]"),
         (["--device", "a=mpu9150@head"], "a: there is no place 'head'; take left-foot, "),
         (["--device", "a=mpu9150", "--device", "a=mpu9150"], "two devices 'a'"),
+        (["--device", "a=mpu9150", "--device", "a/b=mpu9150"], "'a/b' reads like a stream of 'a'"),
         (["half-circle", "--truth", "/nowhere/x.csv", "--trial", "{}"], "/nowhere is not a folder"),
         (["half-circle", "--truth", "{}", "--trial", "{}"], "cannot be both trial and truth"),
     ],
