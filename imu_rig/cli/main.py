@@ -15,6 +15,7 @@ from typing import NoReturn, TextIO
 from imu_rig.cli.signals import leave_on_signals
 from imu_rig.cli.terminal import fitted
 from imu_rig.errors import ImuRigError, StorageError
+from imu_rig.foreign_text import printable
 
 # Before numpy is imported: matrices are small here, and threads would wait for each other longer
 # than they work.
@@ -39,7 +40,7 @@ def run() -> None:
         if "--json" in sys.argv:
             answer = json.dumps({"error": str(error), "exit_code": error.exit_code})
             _say(sys.stdout, answer)
-        _say(sys.stderr, fitted(f"imu-rig: {error}"))
+        _say(sys.stderr, fitted(f"imu-rig: {printable(str(error))}"))
         _leave(error.exit_code)
     except KeyboardInterrupt:
         _say(sys.stderr, "imu-rig: interrupted")

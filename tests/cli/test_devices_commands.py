@@ -134,6 +134,7 @@ def test_noise_and_silence_are_failures_with_a_reason(inside: Any, served: Serve
     ("options", "code", "words"),
     [
         (["identify", "/no/such/port"], 3, "There is no port"),
+        (["identify", ""], 3, "No port is named"),
         (["identify", "x", "--seconds", "0"], 2, "--seconds"),
         (["--seconds", "nan"], 2, "--seconds"),
         (["identify", "x", "--baud", "3"], 2, "baud"),
@@ -144,6 +145,10 @@ def test_noise_and_silence_are_failures_with_a_reason(inside: Any, served: Serve
 )
 def test_wrong_options_are_told(inside: Any, options: list[str], code: int, words: str) -> None:
     assert words in inside("devices", *options, code=code).stderr
+
+
+def test_what_was_typed_comes_back_without_escapes(inside: Any) -> None:
+    assert "\x1b" not in inside("devices", "identify", "/no/a\x1b[31mb", code=3).stderr
 
 
 def test_bad_files_of_a_folder_are_told_and_left(inside: Any, tmp_path: Path) -> None:
