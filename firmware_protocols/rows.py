@@ -214,4 +214,4 @@ def check_names(name: str, title: str) -> None:
 def _check_range(key: str, value: float, limits: tuple[float, float]) -> None:
     least, greatest = limits
     if not least <= value <= greatest:  # nor NaN
-        raise LayoutError(f"{key} must be a number from {least:g} to {greatest:g}.")
+        raise LayoutError(f"{key} must be a number from {least:g} to {greatest:.12g}.")

@@ -214,7 +214,7 @@ def test_checksum_none_is_none(load):
         ('counter = "n"', "clock_tick_s = 0", "clock_tick_s must be a number from 1e-12"),
         ('counter = "n"', "clock_tick_s = true", "clock_tick_s must be a number"),
         ('counter = "n"', "clock_tick_s = 1e308", "clock_tick_s must be a number from .* to 10000"),
-        ('counter = "n"', "rate_hz = -1", "rate_hz must be a number from 0.0001 to 1e.06"),
+        ('counter = "n"', "rate_hz = -1", "rate_hz must be a number from 0.0001 to 1000000"),
         ('counter = "n"', "rate_hz = nan", "rate_hz must be a number from"),
         ('counter = "n"', "rate_hz = 5e-324", "rate_hz must be a number from"),
         ('counter = "n"', "rate_hz = 1e308", "rate_hz must be a number from"),
