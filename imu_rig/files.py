@@ -76,7 +76,7 @@ def require_new(target: Path, *, what: str, overwrite: bool = False) -> None:
             raise InputError(f"a name with a NUL character cannot be {what}'s")
         if os.path.lexists(target) and not overwrite:
             raise InputError(
-                f"{target} exists and {what} is never overwritten unasked; choose another name"
+                f"{target} exists and {what} is never overwritten; choose another name"
             )
         if target.is_dir() and not target.is_symlink():
             raise InputError(f"{target} is a folder; name a file for {what}")

@@ -192,15 +192,16 @@ def _require_same_device(certificate: Certificate, device: DeviceInfo, *, any_de
 
 def _lines(data: TrialData) -> list[str]:
     """Tell what was exported, a line for each device."""
+    from imu_rig.cli.words import counted
     from imu_rig.foreign_text import one_line
 
     lines = []
     for name, summary in data.summaries.items():
         kind = f"calibrated ({', '.join(summary.calibrated)})" if summary.calibrated else "raw"
-        line = f"{one_line(name)}: {summary.samples} {kind} samples"
+        line = f"{one_line(name)}: {counted(summary.samples, f'{kind} sample')}"
         if summary.gaps:
-            gaps = "1 gap" if summary.gaps == 1 else f"{summary.gaps} gaps"
-            count = f"{summary.missing_samples} samples"
+            gaps = counted(summary.gaps, "gap")
+            count = counted(summary.missing_samples, "sample")
             if summary.gaps_unknown:
                 known = summary.gaps_unknown < summary.gaps
                 count = f"{count} or more" if known else "number of samples unknown"

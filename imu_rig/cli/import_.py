@@ -24,6 +24,7 @@ from imu_rig.cli.options import (
     TimeUnit,
 )
 from imu_rig.cli.recordings import TableOptions
+from imu_rig.cli.words import counted
 from imu_rig.cli.working import Working
 from imu_rig.errors import InputError
 
@@ -123,7 +124,8 @@ def _lines(recording: ForeignRecording, imported: Imported) -> list[str]:
     for name, packets in imported.packets.items():
         missing = imported.missing[name]
         lost = f", {missing} missing ({100.0 * missing / (missing + packets):.2g} %)"
-        lines.append(f"  {one_line(name):{width}}  {packets} samples{lost if missing else ''}")
+        count = counted(packets, "sample")
+        lines.append(f"  {one_line(name):{width}}  {count}{lost if missing else ''}")
     for note in recording.notes:
         lines += paragraph(f"{one_line(note, 400)}.", mark="- ")
     return lines

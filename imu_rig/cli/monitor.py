@@ -7,14 +7,15 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from imu_rig.cli.device_options import Devices, LayoutName, SetupFile, Simulated
 from imu_rig.cli.options import Quiet
+from imu_rig.cli.terminal import fitted
 from imu_rig.cli.unheld import last_words
-from imu_rig.errors import InputError
+from imu_rig.errors import ImuRigError, InputError, reason_of
 
 if TYPE_CHECKING:
     from imu_rig.cli.monitor_view import MonitorView
@@ -28,6 +29,14 @@ SAVE_AFTER_S = 10.0
 USUAL_WINDOW_S = 10.0
 LONGEST_WINDOW_S = 600.0
 PICTURES = (".png", ".svg", ".pdf")
+
+
+class Seen(NamedTuple):
+    """How a watch ended."""
+
+    last: MonitorStatus
+    picture: Path | None
+    problems: list[ImuRigError]
 
 
 def monitor(
@@ -71,6 +80,9 @@ def monitor(
     if save is not None and seconds is None:
         seconds = SAVE_AFTER_S
     with contextlib.ExitStack() as stack:
+        stop, view = StopRequest(), MonitorView(quiet=quiet, as_json=as_json)
+        # to the very end: who presses Ctrl-C twice shall not be told of it by the system
+        stack.enter_context(stop_on_signals(stop, view.notify, "Stopping."))
         if simulate is not None and (device or setup is not None):
             raise InputError("Give either --simulate or devices of your own, not both.")
         if plot:
@@ -85,11 +97,11 @@ def monitor(
         plan = setup_from(
             Options(setup=setup, devices=device or (), layout=layout, doing="watch"), simulated
         )
-        stop, view = StopRequest(), MonitorView(quiet=quiet, as_json=as_json)
-        stack.enter_context(stop_on_signals(stop, view.notify, "Stopping."))
-        last = _watch(plan, view, stop, seconds, plot=plot, save=save, window_s=window)
+        seen = _watch(plan, view, stop, seconds, plot=plot, save=save, window_s=window)
         code = 130 if seconds is not None and stop.cause is not None else 0
-        told = _tell(last, save, code, as_json=as_json)
+        code = next((problem.exit_code for problem in seen.problems), code)
+        told = _tell(seen.last, seen.picture, code, as_json=as_json)
+        told &= last_words(sys.stderr, [fitted(f"imu-rig: {problem}") for problem in seen.problems])
     if view.held_up or not told:
         # A thread that waits for a reader cannot be ended, and everything else is done.
         os._exit(code)
@@ -97,6 +109,8 @@ def monitor(
 
 
 def _check(seconds: float | None, window: float, save: Path | None) -> None:
+    import tempfile
+
     from imu_rig.files import require_new
 
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
@@ -107,6 +121,13 @@ def _check(seconds: float | None, window: float, save: Path | None) -> None:
         if save.suffix.lower() not in PICTURES:
             raise InputError(f"--save {save}: name a file that ends in {', '.join(PICTURES)}.")
         require_new(save, what="a picture")
+        try:
+            with tempfile.TemporaryFile(dir=save.parent):
+                pass
+        except OSError as error:
+            raise InputError(
+                f"--save {save}: nothing can be written there ({reason_of(error)})."
+            ) from error
 
 
 def _watch(
@@ -118,8 +139,8 @@ def _watch(
     plot: bool,
     save: Path | None,
     window_s: float,
-) -> MonitorStatus:
-    """Watch, with a window if asked for; save the picture at the end."""
+) -> Seen:
+    """Watch, with a window if asked for; save the picture at the end, if anything came."""
     from imu_rig.cli.working import Working
     from imu_rig.clock import SystemClock
     from imu_rig.monitor.engine import Monitor
@@ -151,9 +172,15 @@ def _watch(
             monitor.fill(rings, smoothly=plot)
         with view:
             last = monitor.run()
-        if save is not None:
-            _save(monitor, rings, save, min(window_s, last.elapsed_s))
-    return last
+        picture = save if any(len(ring.read()) for ring in rings) else None
+        problems: list[ImuRigError] = [] if monitor.shortfall is None else [monitor.shortfall]
+        if picture is not None:
+            try:
+                _save(monitor, rings, picture, min(window_s, last.elapsed_s))
+            except ImuRigError as error:  # the figures are worth telling all the same
+                problems.append(error)
+                picture = None
+    return Seen(last, picture, problems)
 
 
 def _save(monitor: Monitor, rings: list[Ring], path: Path, window_s: float) -> None:

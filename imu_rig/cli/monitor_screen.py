@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imu_rig.cli.record_screen import age, faults_of, named, sentences, state_style, troubles
 from imu_rig.cli.view import BAR_WIDTH, bar
-from imu_rig.cli.words import clock, losses
+from imu_rig.cli.words import clock, losses, supply
 from imu_rig.foreign_text import one_line
 from imu_rig.monitor.status import MonitorStatus, Reading
 from imu_rig.recorder.status import DeviceStatus
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 FRAME_LINES = 5  # of the screen besides streams and sentences
-LEAST_NAME, LONGEST_NAME = 10, 28
+LEAST_NAME, LONGEST_NAME = 9, 28
 NAMES_IN_LINE = 3
 FAR_BEHIND_S = 0.5
 PLAIN_WIDTH = 100
+HUGE = 1e7  # written with a power of ten from here on
 
 COLUMNS = (
     ("state", 8, "left"),
@@ -31,7 +32,7 @@ COLUMNS = (
     ("lag", 7, "right"),
     ("heard", 6, "right"),
 )
-LEFT_OUT_FIRST = ("reopened", "heard")
+LEFT_OUT_FIRST = ("reopened", "heard", "lag", "CRC")
 NUMBER_WIDTHS = {"g": 7, "deg/s": 7, "uT": 7}
 
 
@@ -180,9 +181,9 @@ def _below(row: DeviceStatus, readings: tuple[Reading, ...], width: int) -> list
         lines.append(Text(words, "red", no_wrap=True, overflow="ellipsis"))
     if row.state != "live":
         return lines
-    supply = [_supply(*supply) for supply in row.supply]
+    supplies = [f"{one_line(name, 20)} {supply(value, unit)}" for name, value, unit in row.supply]
     line = ""
-    for words in [*map(_value, readings), *supply]:
+    for words in [*map(_value, readings), *supplies]:
         if line and len(line) + 3 + len(words) > width:
             lines.append(Text(line, "dim" if row.stuck else "", no_wrap=True))
             line = ""
@@ -197,19 +198,18 @@ def _value(reading: Reading) -> str:
     quantity, numbers = reading
     sign = "+" if quantity.count > 1 else ""
     wide = NUMBER_WIDTHS.get(quantity.unit, 0)
-    texts = [
-        f"{number:{sign}{wide}.{quantity.decimals}f}" if math.isfinite(number) else f"{'–':>{wide}}"
-        for number in numbers
-    ]
+    texts = [_number(number, sign, wide, quantity.decimals) for number in numbers]
     unit = one_line(quantity.spoken_unit, 12)
     known = quantity.unit in (*NUMBER_WIDTHS, "hPa", "degC")
     name = "" if known else f"{one_line(quantity.title, 24)} "
     return f"{name}{' '.join(texts)} {unit}".rstrip()
 
 
-def _supply(name: str, value: float, unit: str) -> str:
-    decimals = 2 if abs(value) < 100 else 0
-    return f"{one_line(name, 20)} {value:.{decimals}f} {one_line(unit, 8)}".rstrip()
+def _number(number: float, sign: str, wide: int, decimals: int) -> str:
+    if not math.isfinite(number):
+        return f"{'–':>{wide}}"
+    kind = f".{decimals}f" if abs(number) < HUGE else ".2g"
+    return f"{number:{sign}{wide}{kind}}"
 
 
 def _state(row: DeviceStatus) -> str:

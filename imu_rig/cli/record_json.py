@@ -55,4 +55,5 @@ def device_json(device: DeviceStatus) -> dict[str, Any]:
         **dataclasses.asdict(device),
         "loss": device.loss,
         "supply": {name: [value, unit] for name, value, unit in device.supply},
+        "streams": [device_json(stream) for stream in device.streams],
     }

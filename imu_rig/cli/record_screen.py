@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 from imu_rig.cli.view import BAR_WIDTH, bar
-from imu_rig.cli.words import clock, lasting, losses, size
+from imu_rig.cli.words import clock, lasting, losses, size, supply
 from imu_rig.foreign_text import one_line
 from imu_rig.recorder.status import DeviceStatus, RecorderStatus
 
@@ -239,7 +240,10 @@ def troubles(rows: Sequence[DeviceStatus]) -> list[tuple[str, str]]:
     told = []
     for d in rows:
         if d.problem:
-            words = d.problem if d.name.split("/")[0] in d.problem else f"{d.name}: {d.problem}"
+            device = re.escape(d.name.split("/")[0])
+            # a port may have the device's name in its own, as in /dev/waist
+            named = re.search(rf"(?<![\w/\\.-]){device}(?![\w\\.-])", d.problem)
+            words = d.problem if named else f"{d.name}: {d.problem}"
             told.append((words, "red" if d.required else "yellow"))
         if d.stuck:
             told.append(
@@ -283,8 +287,7 @@ def _supply(device: DeviceStatus) -> str:
     if not device.supply:
         return "–"
     _, value, unit = device.supply[0]
-    decimals = 2 if abs(value) < 10 else 0
-    return f"{value:.{decimals}f} {one_line(unit, 4)}".strip()
+    return supply(value, one_line(unit, 4))
 
 
 def age(seconds: float) -> str:

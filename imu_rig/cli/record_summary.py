@@ -15,6 +15,7 @@ from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.recorder.engine import RecordingOutcome
+    from imu_rig.recorder.status import DeviceStatus
     from imu_rig.stopping import StopRequest
 
 UNSURE_S = 0.5  # of times; less is a slow link, more in a short trial is a clock that errs
@@ -74,7 +75,13 @@ def times_of(outcome: RecordingOutcome, stop: StopRequest) -> Times:
 def shortfalls(outcome: RecordingOutcome, max_loss: float, times: Times = UNKNOWN) -> list[str]:
     """Say in sentences what a recording is not that it should be; ``max_loss`` is 0 to 1."""
     told = [f"{one_line(name, 60)}: {problem}." for name, problem in times.problems.items()]
-    for device in outcome.rows:
+    mute = [device for device in outcome.devices if _mute(device)]
+    for device in mute:  # one sentence, however many streams it has
+        told.append(
+            f"{one_line(device.name, 60)} was never heard: "
+            f"{device.problem or f'{device.port} is silent.'}"
+        )
+    for device in [row for whole in outcome.devices if whole not in mute for row in whole.rows]:
         name = one_line(device.name, 60)
         if not device.required:
             continue
@@ -97,6 +104,12 @@ def shortfalls(outcome: RecordingOutcome, max_loss: float, times: Times = UNKNOW
     if outcome.problem:
         told.append(outcome.problem)
     return told
+
+
+def _mute(device: DeviceStatus) -> bool:
+    """Whether nothing came of any of a device's streams, for one and the same reason."""
+    reasons = {row.problem for row in device.rows}
+    return device.required and not device.packets and len(reasons) == 1
 
 
 def exit_code(outcome: RecordingOutcome, short: list[str]) -> int:

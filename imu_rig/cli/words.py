@@ -44,6 +44,21 @@ def uncertainty(seconds: float | None) -> str:
     return f"± {value:.{decimals}f} {unit}"
 
 
+def counted(count: int, thing: str) -> str:
+    """Return how many there are of something: ``1 sample``, ``2 samples``."""
+    return f"{count} {thing}{'s'[: count != 1]}"
+
+
+def supply(value: float, unit: str) -> str:
+    """Return what a battery or supply has, one unit for one thing: ``4.15 V``, ``98 %``."""
+    if unit == "mV":
+        value, unit = value / 1000.0, "V"
+    if not math.isfinite(value):
+        return "–"
+    decimals = 0 if unit == "%" or abs(value) >= 100 else 2
+    return f"{value:.{decimals}f} {unit}".strip()
+
+
 def losses(lost: int, share: float) -> str:
     """Return how many packets were lost and how many of a hundred that is."""
     if not lost:

@@ -76,6 +76,9 @@ class Monitor:
         What every stream measures, in the order of the devices.
     rates_hz : tuple of float or None
         Nominal rate of each.
+    shortfall : PortError or DeviceError or None
+        Why a planned watch is not what it should be: a required device was not heard, or no
+        longer at the end.
 
     Raises
     ------
@@ -110,6 +113,7 @@ class Monitor:
         self._lock = threading.Lock()
         self._keepers: list[DeviceKeeper] = []
         self._start_ns = clock.now_ns()
+        self.shortfall: PortError | DeviceError | None = None
 
     def ring_sizes(self, seconds: float) -> list[int]:
         """Return how many samples of each stream so many seconds are."""
@@ -129,8 +133,7 @@ class Monitor:
         Raises
         ------
         PortError, DeviceError
-            If a port of a required device is refused; at the end of a planned time, if such a
-            device was never heard.
+            If a port of a required device is refused.
         """
         self._start_ns = self._clock.now_ns()
         with ExitStack() as stack:
@@ -142,9 +145,9 @@ class Monitor:
             self._watch()
             self._observe(self._status())
             over = self._stop.cause is None
-            if over:
-                self._require_heard()
             last = self._status()
+            if over:
+                self.shortfall = self._shortfall()
         self._raise_faults()
         return last
 
@@ -197,12 +200,24 @@ class Monitor:
                 self._observe(self._status())
             self._clock.sleep(TURN_S)
 
-    def _require_heard(self) -> None:
+    def _shortfall(self) -> PortError | DeviceError | None:
+        """Return what is wrong with the first required device that does not send now."""
         for keeper in self._keepers:
-            if keeper.setup.required and not keeper.heard:
-                name, port = keeper.setup.name, keeper.setup.port
-                refused = DeviceError if keeper.device.running else PortError
-                raise refused(keeper.status.problem or f"{name} on {port} is silent.")
+            setup, rows = keeper.setup, [row for row in keeper.status.rows if row.required]
+            off = [row for row in rows if row.state != "live"]
+            if not off and (keeper.heard or not setup.required):
+                continue
+            refused = DeviceError if keeper.device.running or keeper.heard else PortError
+            problem = next((row.problem for row in off if row.problem), keeper.status.problem)
+            if problem is not None:
+                return refused(problem)
+            names = ", ".join(row.name for row in off) or setup.name
+            heard = "is not heard any more" if keeper.heard else "was not heard"
+            return DeviceError(
+                f"{names} on {setup.port} {heard} in the {self._elapsed_s():.1f} s of this look: "
+                "look longer, and see that it is switched on."
+            )
+        return None
 
     def _raise_faults(self) -> None:
         for keeper in self._keepers:

@@ -35,6 +35,7 @@ DECIMALS = {"g": 3, "deg/s": 1, "uT": 1, "hPa": 2, "degC": 1, "m": 1, "V": 2}
 USUAL_DECIMALS = 2
 
 SUPPLY_WORDS = ("battery", "supply", "voltage")
+UNKNOWN = "raw"  # what a draft of a layout calls numbers that it cannot name
 MOST_NUMBERS = 9  # in one quantity; more are a table, not a measurement to look at
 
 
@@ -87,8 +88,9 @@ def quantities_of(
 ) -> tuple[Quantity, ...]:
     """Return what is worth watching among the columns of a stream's samples.
 
-    A column without a unit is a count or a flag and is left out, unless nothing else is there;
-    so are supplies, which have a place of their own.
+    A column without a unit is a count or a flag and is left out, unless nothing else is there or
+    its name says that nobody knows yet what it is; so are supplies, which have a place of their
+    own.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ def quantities_of(
             continue
         unit, factor = HUMAN_UNITS.get(units.get(name, ""), (units.get(name, ""), 1.0))
         found.append(Quantity(name, unit, factor, count))
-    measured = [q for q in found if q.unit or q.name in FIRST]
+    measured = [q for q in found if q.unit or q.name in FIRST or q.name.startswith(UNKNOWN)]
     chosen = measured or found
     places = {name: place for place, name in enumerate(FIRST)}
     return tuple(sorted(chosen, key=lambda q: places.get(q.name, len(FIRST))))

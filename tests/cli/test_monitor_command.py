@@ -12,9 +12,12 @@ from rich.text import Text
 from terminal import Terminal
 
 from imu_rig.cli.monitor_screen import plain_line, plain_table, screen
+from imu_rig.clock import SystemClock
+from imu_rig.errors import StorageError
 from imu_rig.monitor.quantities import Quantity
 from imu_rig.monitor.status import MonitorStatus
 from imu_rig.recorder.status import DeviceStatus
+from simulators.served_devices import ServedDevices
 
 ACCEL, GYRO = Quantity("accel", "g", 1.0, 3), Quantity("gyro", "deg/s", 1.0, 3)
 LEFT = DeviceStatus("left shoe", "/dev/a", "live", rate_hz=100.0, packets=420, lag_s=0.004)
@@ -48,6 +51,17 @@ def drawn(status, width, height):
     with flat.capture() as plain:
         flat.print(Text.from_ansi(capture.get().rstrip()))
     return plain.get().splitlines()
+
+
+def test_losses_are_told_in_the_narrowest_window():
+    lines = drawn(STATUS, 40, 24)
+    assert max(map(cell_len, lines)) <= 40
+    assert any(re.search(r"^receiver.* silent .* 7 \(6\.54 %\)$", line) for line in lines)
+
+
+def test_numbers_without_sense_stay_short():
+    mad = {"left shoe": ((ACCEL, (3e38, -3e38, float("inf"))),)}
+    assert "+3e+38  -3e+38       – g" in "\n".join(plain_table(replace(STATUS, readings=mad)))
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 120])
@@ -108,6 +122,32 @@ def test_a_picture_is_saved_without_a_screen_and_never_over_another(inside, tmp_
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert str(picture) in told.stdout
     assert "never overwritten" in inside("monitor", "-d", "x", "--save", picture, code=2).stderr
+
+
+def test_what_came_is_told_and_drawn_also_where_something_is_missing(inside, tmp_path):
+    picture = tmp_path / "now.png"
+    with ServedDevices(SystemClock()) as served:
+        port = served.add("receiver", "two-imu")
+        served.silence("receiver", stream="waist")
+        options = ("-d", f"receiver={port},layout=two-imu", "-t", 0.7, "--save", picture, "--json")
+        done = inside("monitor", *options, code=4)
+    result = json.loads(done.stdout.splitlines()[-1])["result"]
+    assert (result["exit_code"], result["picture"]) == (4, str(picture))
+    foot, waist = result["devices"][0]["streams"]
+    assert foot["packets"] > 0 == waist["packets"]
+    assert foot["supply"] == {}
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "receiver/waist" in done.stderr
+
+
+def test_a_picture_that_cannot_be_written_takes_no_figures(inside, tmp_path, monkeypatch):
+    def full(*args, **more):
+        raise StorageError("the disk is full")
+
+    monkeypatch.setattr("imu_rig.files.write_whole", full)
+    done = inside("monitor", "--simulate", 1, "-t", 0.4, "--save", tmp_path / "a.png", code=5)
+    assert "live" in done.stdout
+    assert "the disk is full" in done.stderr
 
 
 @pytest.mark.parametrize(

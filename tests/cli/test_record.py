@@ -403,6 +403,18 @@ def test_streams_are_told_one_by_one_and_what_a_device_reported_too():
     assert [s.split(" lost")[0] for s in shortfalls(outcome, 0.05)] == ["receiver/waist"]
 
 
+def test_a_port_that_is_not_there_is_told_once_however_many_streams_it_has():
+    streams = tuple(
+        DeviceStatus(f"receiver/{name}", "/dev/r", "waiting", problem="There is no port /dev/r.")
+        for name in ("foot", "waist")
+    )
+    whole = DeviceStatus(
+        "receiver", "/dev/r", "waiting", problem="There is no port /dev/r.", streams=streams
+    )
+    found = shortfalls(replace(OUTCOME, devices=(whole,)), 0.05)
+    assert found == ["receiver was never heard: There is no port /dev/r."]
+
+
 def test_the_example_of_a_setup_file_is_one(inside, tmp_path):
     example = Path(__file__).parents[2] / "jig_scripts" / "trials" / "two-shoes.toml"
     setup = load_setup(example)

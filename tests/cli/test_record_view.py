@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from imu_rig.cli.record_json import json_line, status_json
-from imu_rig.cli.record_screen import plain_line, screen
+from imu_rig.cli.record_screen import plain_line, screen, troubles
 from imu_rig.recorder.status import DeviceStatus, RecorderStatus
 
 LEFT = DeviceStatus("left shoe", "/dev/a", "live", rate_hz=100.02, packets=4240, age_s=0.01)
@@ -97,6 +97,17 @@ def test_what_is_wrong_is_said_with_whose_it_is():
     assert "気圧計: There is no port /dev/c." in text
 
 
+def test_a_port_that_is_called_like_its_device_does_not_name_it():
+    for problem, said in (
+        ("There is no port /dev/waist.", "waist: There is no port /dev/waist."),
+        ("waist on /dev/a sends nothing.", "waist on /dev/a sends nothing."),
+    ):
+        waist = DeviceStatus("waist/accel", "/dev/a", "waiting", problem=problem)
+        [(words, _)] = troubles([waist])
+        assert words.removeprefix("waist/accel: ") == said.removeprefix("waist: ")
+        assert words.startswith("waist")
+
+
 def test_a_stream_has_a_row_and_its_faults_and_stuck_sensor_a_sentence():
     foot = replace(LEFT, name="receiver/foot", faults=("supply low",), stuck=True)
     waist = replace(LEFT, name="receiver/waist", state="silent")
@@ -111,6 +122,7 @@ def test_a_stream_has_a_row_and_its_faults_and_stuck_sensor_a_sentence():
     assert "receiver/foot: supply low" in plain_line(status)
     told = json.loads(json_line("status", status_json(status)))["status"]["devices"][0]
     assert [s["name"] for s in told["streams"]] == ["receiver/foot", "receiver/waist"]
+    assert told["supply"] == told["streams"][0]["supply"] == {}
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from imu_rig.cli.words import clock, lasting, losses, size, uncertainty
+from imu_rig.cli.words import clock, counted, lasting, losses, size, supply, uncertainty
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,12 @@ from imu_rig.cli.words import clock, lasting, losses, size, uncertainty
         (losses(0, 0.0), "0"),
         (losses(120, 0.0293), "120 (2.93 %)"),
         (losses(1, 1e-6), "1 (<0.01 %)"),
+        (counted(1, "sample"), "1 sample"),
+        (counted(0, "sample"), "0 samples"),
+        (supply(4150.0, "mV"), "4.15 V"),
+        (supply(4.15, "V"), "4.15 V"),
+        (supply(98.0, "%"), "98 %"),
+        (supply(math.nan, "V"), "–"),
     ],
 )
 def test_words(said, text):

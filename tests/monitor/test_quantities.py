@@ -51,6 +51,12 @@ def test_counts_and_supplies_are_left_out_unless_nothing_else_is_there():
     assert quantities_of({"prom": np.zeros((1, 8))}, {"prom": ""}, ["prom"]) == ()
 
 
+def test_numbers_that_nobody_has_named_yet_are_shown_beside_those_that_are():
+    values = {"accel": np.zeros((1, 3)), "raw2": np.zeros((1, 3)), "status": np.zeros(1)}
+    shown = quantities_of(values, {"accel": "m/s2", "raw2": "", "status": ""})
+    assert [(q.name, q.unit) for q in shown] == [("accel", "g"), ("raw2", "")]
+
+
 def test_well_known_quantities_come_first():
     values = {name: np.zeros(1) for name in ("torque", "temperature", "pressure")}
     units = {"torque": "Nm", "temperature": "degC", "pressure": "Pa"}
