@@ -22,7 +22,7 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from imu_rig.arrays import FloatArray
 from imu_rig.foreign_text import one_line
 from imu_rig.monitor.quantities import FIRST, Quantity
-from imu_rig.monitor.scales import Scale
+from imu_rig.monitor.scales import LARGEST, Scale
 
 COLOURS = ("#b3261e", "#2e7d32", "#1a5fb4")
 """Of x, y and z, as in the reports."""
@@ -125,10 +125,13 @@ class LiveFigure:
                 continue
             rows = rows[rows[:, 0] >= now_s - self._seconds]
             since = rows[:, 0] - now_s
-            step = max(1, math.ceil(len(rows) / MOST_POINTS))
             numbers = rows[:, panel.first : panel.first + len(panel.lines)]
             for line, column in zip(panel.lines, numbers.T, strict=True):
-                line.set_data(since[::step], column[::step])
+                # what comes only with some packets is joined over those without
+                there = np.flatnonzero(np.isfinite(column))
+                there = there[:: max(1, math.ceil(len(there) / MOST_POINTS))]
+                line.set_data(since[there], np.clip(column[there], -LARGEST, LARGEST))
+                line.set_marker("." if len(there) == 1 else "")
             whole = numbers[np.isfinite(numbers)]
             panel.absent.set_visible(not len(whole))
             if len(whole) and panel.scale.fit(
@@ -230,7 +233,8 @@ class LiveFigure:
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
         numbers = ScalarFormatter(useOffset=False)
-        numbers.set_scientific(False)
+        numbers.set_powerlimits((-7, 7))
+        axes.yaxis.get_offset_text().set_fontsize(7)
         axes.yaxis.set_major_formatter(numbers)
         axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))

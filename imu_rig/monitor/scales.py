@@ -12,13 +12,20 @@ LEAST_SHARE = 0.25  # of the range that the data fill, below which it is too wid
 SHRINK_S = 4.0  # for which it must be too wide
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 PARTS = 4  # of a range, each a round number
+LEAST_OF_SIZE = 3e-7  # of the data's size: ticks closer than that cannot be told apart
+LARGEST = 1e100  # that is drawn; a device that is out of its mind may send any number
 
 Range = tuple[float, float]
 
 
 def round_range(low: float, high: float, least: float) -> Range:
-    """Return a range with round ends around the data, at least ``least`` wide."""
-    middle, span = (low + high) / 2.0, max(high - low, least)
+    """Return a range with round ends around the data, at least ``least`` wide.
+
+    Data beyond ``LARGEST`` are outside.
+    """
+    low, high = (max(-LARGEST, min(LARGEST, end)) for end in (low, high))
+    middle = (low + high) / 2.0
+    span = max(high - low, least, LEAST_OF_SIZE * abs(middle))
     low, high = middle - span * (0.5 + MARGIN), middle + span * (0.5 + MARGIN)
     rough = (high - low) / PARTS
     power = 10.0 ** math.floor(math.log10(rough))

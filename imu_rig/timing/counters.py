@@ -14,11 +14,13 @@ def differences(values: AnyArray, before: AnyArray | float) -> AnyArray:
     """Return the step to each value from the one before it, the first from ``before``.
 
     What ``np.diff(values, prepend=before)`` returns, several times as fast for short arrays.
+    A device may send any number: the step from an infinity to itself is NaN.
     """
     steps = np.empty_like(values)
     if len(steps):
-        steps[0] = values[0] - before
-        np.subtract(values[1:], values[:-1], out=steps[1:])
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps[0] = values[0] - before
+            np.subtract(values[1:], values[:-1], out=steps[1:])
     return steps
 
 

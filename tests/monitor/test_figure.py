@@ -132,6 +132,45 @@ def test_a_range_holds_the_data_and_is_not_much_wider(a, b, least):
     assert top - bottom <= 2.6 * max(high - low, least) + 1e-6 * max(abs(low), abs(high))
 
 
+@given(
+    ends=st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)).filter(
+        lambda ends: np.isfinite(ends).all()
+    )
+)
+def test_any_finite_numbers_have_a_range(ends):
+    bottom, top = round_range(min(ends), max(ends), 0.1)
+    assert np.isfinite(top - bottom)
+    assert bottom < top
+
+
+@pytest.mark.parametrize("value", [3e38, -1.7e308, np.inf])
+def test_a_device_out_of_its_mind_breaks_no_picture(value):
+    live = figure(SHOE)
+    mad = rows(SHOE)
+    mad[:, 1:4] = value
+    mad[::2, 1:4] *= -1.0
+    live.update({SHOE.name: mad}, 10.0)
+    live.save(io.BytesIO(), "png")
+    constant = figure(BARO)
+    held = rows(BARO)
+    held[:, 1] = value
+    constant.update({BARO.name: held}, 10.0)
+    constant.save(io.BytesIO(), "png")
+
+
+def test_what_comes_with_few_packets_is_a_line_all_the_same():
+    live = figure(BARO)
+    few = rows(BARO)
+    few[np.arange(len(few)) % 7 != 0, 1] = np.nan
+    live.update({BARO.name: few}, 10.0)
+    [line] = live.figure.axes[0].lines
+    assert np.array_equal(line.get_ydata(), few[::7, 1])
+    assert line.get_marker() == ""
+    few[7:, 1] = np.nan
+    live.update({BARO.name: few}, 10.0)
+    assert (len(line.get_ydata()), line.get_marker()) == (1, ".")  # a line of one point is none
+
+
 def test_a_range_grows_at_once_and_shrinks_after_a_while():
     scale = Scale(0.1)
     assert scale.fit(-1.0, 1.0, 0.0)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imu_rig.timing import Unwrapper, unwrap
+from imu_rig.timing.counters import differences
 
 MODULI = st.sampled_from([2**8, 2**16, 2**24, 2**32])
 
@@ -53,6 +54,13 @@ def test_a_restart_goes_on_by_one():
     counter.feed(np.array([100, 101]))
     counter.restart()
     np.testing.assert_array_equal(counter.feed(np.array([0, 1, 3])), [102, 103, 105])
+
+
+def test_a_float_may_be_anything():
+    steps = differences(np.array([np.inf, np.inf, 3e38, -3e38], np.float32), np.float32(1))
+    assert np.isposinf(steps[0])
+    assert np.isnan(steps[1])
+    assert np.isneginf(steps[2:]).all()
 
 
 def test_nothing_gives_nothing_and_senseless_moduli_are_refused():
