@@ -154,6 +154,11 @@ class TrialSetup(_Model):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two devices have the name {name!r}; rename one of them")
+            owner = name.rpartition("/")[0]
+            if owner in names:
+                raise ValueError(
+                    f"the name {name!r} reads like a stream of {owner!r}; rename one of the two"
+                )
         ports = [device.port for device in self.devices]
         if self.jig is not None:
             ports.append(self.jig.maestro)

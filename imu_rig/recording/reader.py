@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path
@@ -119,7 +121,11 @@ class Trial:
 
     @cached_property
     def sources(self) -> dict[str, Source]:
-        """The sources by name; one whose descriptor is lost goes by its number."""
+        """The sources by name.
+
+        One whose descriptor is lost goes by its number, and so does one that was recorded under
+        the name that a stream of another has: see ``renamed``.
+        """
         by_id: dict[int, Source] = {}
         names: set[str] = set()
         for row, value in self._objects(Kind.SOURCE):
@@ -133,7 +139,22 @@ class Trial:
         for number in np.unique(self.records.source[wires]).tolist():
             if number not in by_id:
                 by_id[number] = Source(number, f"source-{number}", "unknown", {})
+        for number in self._like_streams(by_id):
+            by_id[number] = replace(by_id[number], name=f"source-{number}")
         return {source.name: source for _, source in sorted(by_id.items())}
+
+    @cached_property
+    def renamed(self) -> dict[str, str]:
+        """The recorded name of each source that goes by its number, as it was a stream's name."""
+        recorded = {
+            int(self.records.source[row]): value.get("name")
+            for row, value in reversed(self._objects(Kind.SOURCE))
+        }
+        return {
+            name: was
+            for name, source in self.sources.items()
+            if isinstance(was := recorded.get(source.id), str) and was != name
+        }
 
     @cached_property
     def events(self) -> list[Event]:
@@ -417,6 +438,20 @@ class Trial:
     def stream_statistics(self, name: str) -> StreamStats:
         """Return what has become of a sensor's bytes; raises as :meth:`samples`."""
         return self._packets(name)[1].stats
+
+    @staticmethod
+    def _like_streams(sources: dict[int, Source]) -> list[int]:
+        """Numbers of the sources whose name is that of a stream of another source."""
+        by_name = {source.name: source for source in sources.values()}
+        found = []
+        for number, source in sources.items():
+            name, _, stream = source.name.rpartition("/")
+            layout = by_name[name].descriptor.get("layout") if name in by_name else None
+            if isinstance(layout, dict):
+                with contextlib.suppress(LayoutError):
+                    if stream in protocol_from_dict(layout).streams:
+                        found.append(number)
+        return found
 
     def _sensors_of(self, source: str) -> list[str]:
         try:

@@ -236,6 +236,9 @@ def check_names(devices: Sequence[Carried]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"there are two devices {name!r}; name them apart.")
+        owner = name.rpartition("/")[0]
+        if owner in names:
+            raise ValueError(f"{name!r} reads like a stream of {owner!r}; rename one of the two.")
     if not names:
         raise ValueError("nobody carries a device; name at least one.")
 

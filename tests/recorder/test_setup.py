@@ -57,6 +57,10 @@ def test_files_that_a_setup_names_stand_beside_it(tmp_path):
             "two devices have the name 'a'",
         ),
         (
+            "[[devices]]\nname='a'\nport='x'\n[[devices]]\nname='a/foot'\nport='y'",
+            "'a/foot' reads like a stream of 'a'",
+        ),
+        (
             "[[devices]]\nname='a'\nport='x'\n[[devices]]\nname='b'\nport='x'",
             "port x is there twice",
         ),

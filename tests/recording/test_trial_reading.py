@@ -20,6 +20,7 @@ from one_stream import PacketStream
 from rows_of_trials import FEW_NOTES
 
 import imu_rig
+from firmware_protocols.known import load_protocol
 from firmware_protocols.layout import load_layout
 from firmware_protocols.packets import encode
 from imu_rig.calibration.certificate import load_certificate
@@ -395,6 +396,24 @@ def test_live_and_recorded_rows_are_the_same(desk, layout):
     _, recorded = made.trial()._packets("shoe")
     assert np.array_equal(np.concatenate(rows), recorded.block.rows)
     assert len(recorded.block) == 400 if layout.checksum else 100 < len(recorded.block) < 400
+
+
+def test_a_source_that_is_called_like_a_stream_of_another_hides_neither(tmp_path):
+    path, receiver = tmp_path / "t.imu-trial", load_protocol("two-imu")
+    with TrialWriter.create(path, {}, clock=SteppedClock()) as writer:
+        kept = {"layout": receiver.to_dict(), "certificate": {"of": "nobody knows which"}}
+        writer.add_source("receiver", "imu", kept)
+        other = writer.add_source("receiver/foot", "imu", {"layout": MPU.to_dict()})
+        for number, packet in enumerate(packets(MPU, counts(MPU, 20))):
+            writer.bytes_in(other, round(1e7 * number), packet)
+    trial = imu_rig.open_trial(path)
+    assert trial.sensors == ["receiver/foot", "receiver/waist", "source-2"]
+    assert len(trial.imu("receiver/foot")) == 0
+    assert len(trial.imu("source-2")) == 20
+    assert trial.renamed == {"source-2": "receiver/foot"}
+    # and one certificate without the name of a stream is that of neither of two
+    assert trial.kept_certificate("receiver/foot") is None
+    assert trial.kept_certificate("receiver/waist") is None
 
 
 # --- calibrated, refused, lazy -------------------------------------------------------------------
