@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.cli.words import clock, losses, size, uncertainty
+from imu_rig.cli.words import clock, counted, losses, size, uncertainty
 from imu_rig.clock import utc_text
 from imu_rig.errors import InputError
 from imu_rig.foreign_text import one_line, wrapped
-from imu_rig.recording.format import TRIAL_KIND
+from imu_rig.recording.format import SET_UP, TRIAL_KIND
 
 if TYPE_CHECKING:
     from imu_rig.recording.reader import Trial
@@ -68,6 +68,8 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
     if name not in trial.sensors:
         facts["bytes"] = len(trial.wire(name).data)
         return facts
+    if source.name in trial.renamed:
+        facts["recorded_as"] = trial.renamed[source.name]
     layout = described["layout"]
     facts["layout"] = layout.get("name") if isinstance(layout, dict) else None
     facts["required"] = described.get("required", True)
@@ -78,13 +80,14 @@ def _device(trial: Trial, name: str) -> dict[str, Any]:
         return {**facts, "problem": str(error)}
     count = len(samples.t)
     span = float(samples.t[-1] - samples.t[0]) if count > 1 else 0.0
-    lost = sum(m.samples or 0 for m in missing)
+    gone = sum(m.samples or 0 for m in missing)
+    lost = gone - sum(m.samples or 0 for m in missing if m.reason == SET_UP)
     facts |= {
         "packets": count,
         "first_s": float(samples.t[0]) if count else None,
         "last_s": float(samples.t[-1]) if count else None,
-        # what it makes: packets that were lost took their time all the same
-        "rate_hz": (count - 1 + lost) / span if span > 0 else None,
+        # what it makes: packets that are missing took their time all the same
+        "rate_hz": (count - 1 + gone) / span if span > 0 else None,
         "lost": lost,
         "loss": lost / (count + lost) if count else 0.0,
     }
@@ -137,7 +140,7 @@ def recorded_lines(facts: dict[str, Any]) -> list[str]:
     origin = facts["origin"]
     if origin is not None:
         lines += _row("imported", f"{', '.join(origin['files'])} ({origin['format']})")
-    count = f"{len(markers)} marker{'s'[: len(markers) != 1]}"
+    count = counted(len(markers), "marker")
     lines += _row("length", f"{clock(facts['duration_s'])}, {size(facts['file_bytes'])}, {count}")
     for word in WORDS:
         if word in facts:
@@ -201,6 +204,12 @@ def _table(devices: dict[str, dict[str, Any]]) -> list[str]:
         if device.get("faults"):
             faults = ", ".join(one_line(fault, 60) for fault in device["faults"])
             lines += wrapped(f"{name} reported: {faults}.", WIDTH)
+    for name, device in devices.items():
+        if "recorded_as" in device:
+            was = one_line(device["recorded_as"], 60)
+            lines += wrapped(
+                f"{name} was recorded as {was!r}, the name of another's stream.", WIDTH
+            )
     certified = {n: d["certificate"] for n, d in devices.items() if d.get("certificate")}
     for name, sensor in certified.items():
         lines += wrapped(f"{name} has the certificate of {sensor}.", WIDTH)
@@ -220,7 +229,7 @@ def _missing(name: str, missing: list[dict[str, Any]]) -> list[str]:
     few = f"; the {MOST_MISSING} longest:" if len(missing) > MOST_MISSING else ""
     lines = ["", f"{one_line(name, 40)} was missing {of_all}{few}"]
     for m in sorted(longest, key=lambda m: m["start_s"]):
-        samples = "" if m["samples"] is None else f"  {m['samples']} samples"
+        samples = "" if m["samples"] is None else f"  {counted(m['samples'], 'sample')}"
         lines.append(
             f"  {m['start_s']:12.3f} s to {m['stop_s']:.3f} s{samples}  {one_line(m['reason'], 40)}"
         )

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Mapping
 
 from imu_rig.clock import NS_PER_S, Clock
+from imu_rig.devices.conversation import conversation_for
 from imu_rig.devices.stream_device import PacketDevice
 from imu_rig.errors import DeviceError, ImuRigError, PortError, PortMissing
 from imu_rig.packet_stream import PacketBlock
@@ -77,6 +78,7 @@ class DeviceKeeper:
             )
             for name, layout in device.protocol.streams.items()
         }
+        self._talks = conversation_for(device.protocol) is not None
         self._show_port()
         self._problem: str | None = None  # of the port as a whole
         self._revive_s = REVIVE_S
@@ -136,7 +138,7 @@ class DeviceKeeper:
             try:
                 self.device.stop()
                 self._take_packets()
-                self._show_all(None)
+                self._show_all()
                 self._tell()
             except Exception as error:
                 self.fault = self.fault or error
@@ -152,6 +154,7 @@ class DeviceKeeper:
         plugged in, and must not cost the others anything.
         """
         while not self._stopping.is_set():
+            begin_ns = self._clock.now_ns()
             try:
                 self.device.start()
             except (PortError, DeviceError) as error:
@@ -159,15 +162,27 @@ class DeviceKeeper:
                 refused = isinstance(error, PortError) and not isinstance(error, PortMissing)
                 if first and self.setup.required and refused:
                     raise
-                self._complain(str(error))
                 self._take_packets()
-                self._show_all("waiting")
+                self._complain(str(error))
+                for watch in self._watches.values():
+                    self._show_refused(watch)
+                self._show_port()
                 self.tried.set()
                 self._wait(RETRY_S if isinstance(error, PortError) else TALK_RETRY_S)
             else:
                 self._complain(None)
+                self._note_talk(begin_ns)
                 self.tried.set()
                 return
+
+    def _show_refused(self, watch: StreamWatch) -> None:
+        """Take note of a stream whose port was closed again; its device may have been heard."""
+        if not watch.heard:
+            watch.show("waiting")
+        elif not watch.in_gap:
+            watch.begin_gap("lost", self._clock.now_ns())
+        else:
+            watch.show("lost")
 
     def _watch_port(self, now: int) -> None:
         """Notice a port that has gone and open it again."""
@@ -188,12 +203,21 @@ class DeviceKeeper:
             self._reopen()
             self._revive_s = min(2 * self._revive_s, LONGEST_REVIVE_S)
 
+    def _note_talk(self, begin_ns: int) -> None:
+        """Tell when the device was set up, if it is a kind that one talks to."""
+        if self._talks:
+            for watch in self._watches.values():
+                watch.talked(begin_ns / NS_PER_S, self.device.opened_ns / NS_PER_S)
+
     def _reopen(self) -> None:
+        begin_ns = self._clock.now_ns()
         try:
             self.device.reopen()
         except DeviceError as error:
             self._complain(str(error))
             self._wait(RETRY_S)
+        else:
+            self._note_talk(begin_ns)
 
     def _look(self, now: int) -> None:
         """Decode what came and judge the state of every stream by it."""
@@ -277,9 +301,9 @@ class DeviceKeeper:
             self._revive_s = REVIVE_S
             self._take(blocks)
 
-    def _show_all(self, state: DeviceState | None) -> None:
+    def _show_all(self) -> None:
         for watch in self._watches.values():
-            watch.show(state or watch.status.state)
+            watch.show(watch.status.state)
         self._show_port()
 
     def _show_port(self) -> None:

@@ -6,19 +6,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from firmware_protocols.packets import values
 from firmware_protocols.rows import RowLayout
 from imu_rig.clock import NS_PER_S
 from imu_rig.devices.stream_device import StreamHealth
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.status import DeviceState, DeviceStatus
-from imu_rig.recording.format import SILENT, STREAM, STREAMS, UNPLUGGED, UNREADABLE
+from imu_rig.recording.format import SET_UP, SILENT, STREAM, STREAMS, UNPLUGGED, UNREADABLE
 
 SILENT_S = 0.6  # without a byte, or five periods of a slow device: something is wrong
 UNREADABLE_S = 0.7  # of bytes without a packet, likewise
 PERIODS = 5
 
 SUPPLY_WORDS = ("battery", "supply", "voltage")
+MOST_STATED = 16  # interruptions by one conversation that are recorded
 MOST_FAULTS = 64  # kept of what a device ever told
 
 REASONS: dict[DeviceState, str] = {
@@ -109,6 +112,9 @@ class StreamWatch:
         self.problem: str | None = None
         self._gap: _Gap | None = None
         self._gaps = 0
+        self._talk_s: tuple[float, float] | None = None
+        self._talked_s, self._talked_counter = np.empty(0), np.empty(0, np.int64)
+        self._silenced = 0  # packets that a conversation kept the device from sending
         self._supply: tuple[tuple[str, float, str], ...] = ()
         self._fault_counts: dict[str, int] = {}
         period = 1.0 / layout.rate_hz if layout.rate_hz else 0.0
@@ -143,6 +149,7 @@ class StreamWatch:
                 self._fault_counts[fault] = self._fault_counts.get(fault, 0) + 1
         if block is None or not len(block):
             return False
+        self._leave_out_talk(block)
         self._supply = supply_of(self._layout, block)
         if not self.heard:
             self.heard = True
@@ -150,6 +157,29 @@ class StreamWatch:
         if self._gap is not None and block.host_s[-1] * NS_PER_S > self._gap.start_ns:
             self._end_gap(self._gap, block)
         return True
+
+    def talked(self, begin_s: float, end_s: float) -> None:
+        """Note when the device was set up, which may have interrupted it: that is no loss."""
+        self._talk_s = begin_s, end_s
+        self._talked_s, self._talked_counter = self._talked_s[:0], self._talked_counter[:0]
+
+    def _leave_out_talk(self, block: PacketBlock) -> None:
+        if self._talk_s is None or block.counter is None:
+            return
+        begin_s, end_s = self._talk_s
+        host_s = np.concatenate((self._talked_s, block.host_s))
+        counter = np.concatenate((self._talked_counter, block.counter))
+        steps = np.diff(counter)
+        within = (steps > 1) & (host_s[:-1] >= begin_s) & (host_s[1:] <= end_s)
+        self._silenced += int((steps[within] - 1).sum())
+        for last in np.flatnonzero(within)[:MOST_STATED].tolist():
+            interrupted = _Gap(int(host_s[last] * NS_PER_S), SET_UP, int(counter[last]), 0)
+            until_s = self._log.t_s(int(host_s[last + 1] * NS_PER_S))
+            after = int(counter[last + 1])
+            self._record(interrupted, {"until_s": until_s, "counter_after": after})
+        self._talked_s, self._talked_counter = host_s[-1:], counter[-1:]
+        if host_s[-1] > end_s:
+            self._talk_s = None
 
     def begin_gap(self, state: DeviceState, now_ns: int) -> None:
         """Note that its packets are missing, and why, as far as that is known now."""
@@ -204,7 +234,7 @@ class StreamWatch:
             required=self.status.required,
             rate_hz=health.rate_hz,
             packets=health.good,
-            lost=health.lost,
+            lost=max(0, health.lost - self._silenced),
             corrupt=health.corrupt,
             duplicates=health.duplicates,
             restarts=health.restarts,

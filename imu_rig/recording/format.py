@@ -45,6 +45,7 @@ CERTIFICATES = "certificates"  # in the descriptor of a source: those of its str
 IMPORTED_FROM = "imported_from"  # in the descriptor of a source that no recorder heard
 MARKER, RESUMED = "marker", "resumed"  # events
 UNPLUGGED, SILENT, UNREADABLE = "unplugged", "silent", "unreadable"  # reasons of gaps
+SET_UP = "set up"  # likewise: what was said to the device before the recording of it interrupted it
 DAMAGE = "damage"  # likewise, in a repaired file
 STREAM = "stream"  # of a gap: which of several streams of its source
 STREAMS = "streams"  # of statistics: those of each stream by its name

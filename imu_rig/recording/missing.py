@@ -10,7 +10,7 @@ from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from imu_rig.clock import NS_PER_S
 from imu_rig.packet_stream import AssembledPackets
 from imu_rig.recording.contents import Gap, Missing
-from imu_rig.recording.format import DAMAGE, SILENT, STREAM, TRIAL, UNREADABLE, Kind
+from imu_rig.recording.format import DAMAGE, SET_UP, SILENT, STREAM, TRIAL, UNREADABLE, Kind
 from imu_rig.recording.scan import Records
 
 SILENCE_S = 1.0  # without a packet, after which packets without counter and clock count as missing
@@ -21,7 +21,8 @@ SLEPT = "the computer slept"
 INTERRUPTED = "recording interrupted"
 LOST_IN_FILE = "lost in the file"
 
-LATE = (SILENT, UNREADABLE)  # reasons of gaps over which a port's bytes still belong together
+LATE = (SILENT, UNREADABLE, SET_UP)
+"""Reasons of gaps over which a port's bytes still belong together."""
 ROUNDING_S = 1e-6  # of times in gap records
 
 

@@ -10,11 +10,14 @@ import pytest
 
 from firmware_protocols.known import load_protocol
 from imu_rig.calibration.certificate import load_certificate
+from imu_rig.cli.recorded_trial import recorded_facts
 from imu_rig.clock import SystemClock
 from imu_rig.devices.stream_device import StreamHealth
 from imu_rig.errors import DeviceError, InputError
+from imu_rig.monitor.engine import NothingKept
 from imu_rig.packet_stream import PacketBlock
 from imu_rig.recorder.engine import Recorder
+from imu_rig.recorder.keeper import DeviceKeeper
 from imu_rig.recorder.setup import DeviceSetup, TrialSetup
 from imu_rig.recorder.status import DeviceStatus
 from imu_rig.recorder.stream_watch import StreamWatch, statistics_of, together
@@ -89,7 +92,7 @@ def test_a_stream_that_falls_silent_alone_has_a_gap_of_its_own(tmp_path):
             served.silence("receiver", False, stream="waist")
             until(lambda: set(states(statuses).values()) == {"live"})
         runs = served.counters_of("receiver")
-    assert any("receiver/waist is back" in sentence for sentence in notices)
+    told = [sentence for sentence in notices if "receiver/waist is back" in sentence]
     trial = open_trial(path)
     [gap] = trial.gaps
     assert gap.fields["stream"] == "waist"
@@ -99,6 +102,7 @@ def test_a_stream_that_falls_silent_alone_has_a_gap_of_its_own(tmp_path):
     [missing] = trial.missing("receiver/waist")
     assert missing.samples == after - before - 1
     assert missing.reason == "silent"
+    assert f"; {missing.samples} packets are missing by its counter." in told[0]
     assert trial.missing("receiver/foot") == []
     assert np.all(np.diff(trial.imu("receiver/foot").counter) == 1)
     of_port = trial.device_statistics("receiver")[-1][1]
@@ -170,6 +174,75 @@ def test_what_is_said_to_a_device_is_recorded_and_told_from_what_it_says(tmp_pat
     assert trial.missing("mti") == []
 
 
+def test_what_the_conversation_with_a_device_interrupts_is_not_lost(tmp_path):
+    with ServedDevices(CLOCK) as served:
+        url = served.add("mti", "xsens-mti", seed=1)
+        device = (DeviceSetup(name="mti", port=url, layout="xsens-mti"),)
+        for path in (tmp_path / "a.imu-trial", tmp_path / "b.imu-trial"):  # it measures, then
+            with recording(device, path) as (statuses, _, _, _):
+                until(lambda seen=statuses: states(seen) == {"mti": "live"})
+            assert statuses[-1].devices[0].lost == 0
+            trial = open_trial(path)
+            assert {missing.reason for missing in trial.missing("mti")} <= {"set up"}
+            facts = recorded_facts(trial)["devices"]["mti"]
+            assert facts["lost"] == 0
+            assert facts["rate_hz"] == pytest.approx(100.0, rel=0.02)
+
+
+def test_an_interruption_by_a_conversation_is_told_from_a_loss():
+    notes = []
+    watched, layout = watch(notes)
+    counter = np.array([4, 5, 9, 10, 14])
+    host_s = np.array([1.0, 1.1, 1.5, 1.6, 2.4])
+
+    def take(at, lost):
+        rows = np.zeros(len(counter[at]), layout.dtype)
+        block = PacketBlock(rows, host_s[at], host_s[at], None, counter[at])
+        watched.take(block, StreamHealth(good=5, lost=lost))
+        watched.show("live")
+
+    watched.talked(0.9, 2.0)
+    take(slice(0, 2), 0)
+    take(slice(2, 3), 3)  # 6, 7 and 8 are missing as long as it was talked to
+    assert watched.status.lost == 0
+    take(slice(3, 5), 6)  # and 11, 12 and 13 after that
+    assert watched.status.lost == 3
+    [gap] = [note for note in notes if isinstance(note, dict)]
+    assert (gap["counter_before"], gap["counter_after"], gap["until_s"]) == (5, 9, 1.5)
+
+
+def test_a_device_that_was_heard_and_refuses_is_lost_and_not_waited_for():
+    layout = load_protocol("two-imu")
+    waist = layout.streams["waist"]
+
+    class Refusing:
+        protocol, running, opened_ns = layout, False, 0
+
+        def start(self):
+            raise DeviceError("left does not take its settings")
+
+        def poll(self):
+            block = PacketBlock(
+                np.zeros(1, waist.dtype), np.ones(1), np.ones(1), None, np.ones(1, int)
+            )
+            return {"foot": PacketBlock.empty(layout.streams["foot"]), "waist": block}
+
+        def stream_health(self, name):
+            return StreamHealth(good=int(name == "waist"))
+
+        def stop(self):
+            pass
+
+    setup = DeviceSetup(name="r", port="/dev/a", layout="two-imu")
+    kept = DeviceKeeper(setup, Refusing(), NothingKept(0), 0, CLOCK, lambda sentence: None)
+    kept.start()
+    assert kept.tried.wait(PATIENCE_S)
+    kept.join(PATIENCE_S)
+    foot, waist_status = kept.status.rows
+    assert (foot.state, waist_status.state) == ("waiting", "lost")
+    assert "settings" in waist_status.problem
+
+
 def test_a_device_that_refuses_to_talk_is_told_of_and_costs_the_others_nothing(tmp_path):
     path = tmp_path / "walk.imu-trial"
     with ServedDevices(CLOCK) as served:
@@ -236,12 +309,21 @@ def test_faults_without_end_take_no_room_without_end():
 def test_a_device_is_what_its_streams_are():
     foot = DeviceStatus("r/foot", "/dev/a", "live", rate_hz=50, packets=100, lost=2, corrupt=3)
     waist = DeviceStatus(
-        "r/waist", "/dev/a", "lost", packets=40, lost=1, corrupt=3, gaps=1, problem="It has gone."
+        "r/waist",
+        "/dev/a",
+        "lost",
+        age_s=9.0,
+        packets=40,
+        lost=1,
+        corrupt=3,
+        gaps=1,
+        problem="It has gone.",
     )
     whole = together("r", (foot, waist), required=True)
     assert (whole.state, whole.packets, whole.lost, whole.gaps) == ("lost", 140, 3, 1)
     assert whole.corrupt == 3  # those of the port: nobody knows of which stream they were
     assert whole.problem == "It has gone."
+    assert whole.age_s == 9.0
     assert whole.rows == (foot, waist)
     alone = DeviceStatus("left", "/dev/b", "live")
     assert together("left", (alone,), required=True) is alone
