@@ -25,6 +25,25 @@ def check_keys(where: str, entry: Mapping[str, Any], known: Collection[str]) -> 
             )
 
 
+def every(where: str, entry: Mapping[str, Any], kinds: Mapping[str, type[Any]]) -> dict[str, Any]:
+    """Return the values of all keys that are there; none may be unknown or of another kind.
+
+    Parameters
+    ----------
+    where : str
+        What the description is of, for the beginning of an error.
+    entry : mapping
+    kinds : mapping
+        Of each key that may be there: str, int, list, dict, or float for any number.
+    """
+    check_keys(where, entry, kinds)
+    return {
+        key: number(where, entry, key) if kind is float else take(where, entry, key, kind)
+        for key, kind in kinds.items()
+        if key in entry
+    }
+
+
 def take(
     where: str, entry: Mapping[str, Any], key: str, kind: type[Any], default: Any = REQUIRED
 ) -> Any:

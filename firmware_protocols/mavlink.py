@@ -44,6 +44,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from firmware_protocols.descriptions import every, take
 from firmware_protocols.fields import Field, LayoutError, quote
 from firmware_protocols.layout import toml_lines
 from firmware_protocols.mavlink_counting import StreamCounter
@@ -372,18 +373,17 @@ def _pressure_rows(layout: RowLayout, payload: Rows) -> Rows:
     return rows
 
 
-_NUMBER, _WHOLE, _TEXT = (int, float), (int,), (str,)
-_KEYS: dict[str, tuple[tuple[type, ...], str]] = {
-    "kind": (_TEXT, "text"),
-    "name": (_TEXT, "text"),
-    "title": (_TEXT, "text"),
-    "message": (_TEXT, "text"),
-    "system": (_WHOLE, "a whole number"),
-    "component": (_WHOLE, "a whole number"),
-    "sensor": (_WHOLE, "a whole number"),
-    "rate_hz": (_NUMBER, "a number"),
+_KINDS = {
+    "kind": str,
+    "name": str,
+    "title": str,
+    "message": str,
+    "system": int,
+    "component": int,
+    "sensor": int,
+    "rate_hz": float,
 }
-"""What a description may hold, and of which type."""
+"""What a description may hold, and of which kind."""
 
 
 def from_dict(data: Mapping[str, Any]) -> MavlinkProtocol:
@@ -394,12 +394,7 @@ def from_dict(data: Mapping[str, Any]) -> MavlinkProtocol:
     LayoutError
         For anything that is not a usable description.
     """
-    for key, value in data.items():
-        if key not in _KEYS:
-            raise LayoutError(f"the key {quote(key)} is not known (known: {', '.join(_KEYS)}).")
-        types, words = _KEYS[key]
-        if not isinstance(value, types) or isinstance(value, bool):
-            raise LayoutError(f"{key} must be {words}.")
-    if "name" not in data:
-        raise LayoutError("the key 'name' is missing.")
-    return MavlinkProtocol(**{key: value for key, value in data.items() if key != "kind"})
+    take("the layout", data, "name", str)
+    values = every("the layout", data, _KINDS)
+    values.pop("kind", None)
+    return MavlinkProtocol(**values)

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_protocols.counting import SequenceCounter
+from firmware_protocols.descriptions import every, take
 from firmware_protocols.fields import LayoutError, quote
 from firmware_protocols.layout import toml_lines
 from firmware_protocols.packets import counts
@@ -239,16 +240,17 @@ class XsensProtocol(DeviceProtocol):
         return "\n".join(toml_lines(self.to_dict())) + "\n"
 
 
-_KEYS: dict[str, tuple[type | tuple[type, ...], str]] = {
-    "kind": (str, "text"),
-    "name": (str, "text"),
-    "title": (str, "text"),
-    "format": (str, "text"),
-    "rate_hz": ((int, float), "a number"),
-    "outputs": (list, "a list of identifiers"),
-    "output_mode": (int, "a whole number"),
-    "output_settings": (int, "a whole number"),
+_KINDS = {
+    "kind": str,
+    "name": str,
+    "title": str,
+    "format": str,
+    "rate_hz": float,
+    "outputs": list,
+    "output_mode": int,
+    "output_settings": int,
 }
+"""What a description may hold, and of which kind."""
 
 
 def from_dict(data: Mapping[str, Any]) -> XsensProtocol:
@@ -259,19 +261,11 @@ def from_dict(data: Mapping[str, Any]) -> XsensProtocol:
     LayoutError
         For anything that is not a usable description.
     """
-    for key, value in data.items():
-        if key not in _KEYS:
-            raise LayoutError(f"the key {quote(key)} is not known (known: {', '.join(_KEYS)}).")
-        kind, words = _KEYS[key]
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise LayoutError(f"{key} must be {words}.")
-    if "name" not in data:
-        raise LayoutError("the key 'name' is missing.")
-    values = {key: value for key, value in data.items() if key != "kind"}
+    take("the layout", data, "name", str)
+    values = every("the layout", data, _KINDS)
+    values.pop("kind", None)
     if "outputs" in values:
         values["outputs"] = tuple(_identifier(entry) for entry in values["outputs"][:256])
-    if "rate_hz" in values:
-        values["rate_hz"] = float(max(-1e9, min(values["rate_hz"], 1e9)))
     unfit = {"outputs"} if values.get("format") == LEGACY else {"output_mode", "output_settings"}
     for key in unfit & values.keys():
         form = quote(values.get("format", MTDATA2))
