@@ -9,6 +9,7 @@ the coordinate rests exactly.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -72,9 +73,10 @@ class Track:
         ValueError
             If it begins before the last motion ended, or times do not increase.
         """
-        if times[0] < self.t - 1e-9 or np.any(np.diff(times) <= 0):
+        # a walk is made of thousands of these, too short for arrays
+        if times[0] < self.t - 1e-9 or any(b <= a for a, b in pairwise(times)):
             raise ValueError(f"a motion at {times} cannot follow one that ends at {self.t}")
-        if not np.any(speeds):
+        if not any(speeds):
             return
         for begin, end, slow, fast in zip(times, times[1:], speeds, speeds[1:], strict=False):
             span, change = end - begin, fast - slow
