@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from imu_rig.devices import survey
 from imu_rig.devices.doctor import disk, examine
 from imu_rig.devices.doctor.system import Check
 from imu_rig.devices.listening import listen
+from imu_rig.devices.maestro import MaestroClient
 from imu_rig.devices.ports import SeenPort
 from simulators.served_devices import ServedDevices
 
@@ -32,12 +34,16 @@ def no_ports_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(survey, "seen_ports", list)
 
 
-def test_the_list_says_what_speaks_and_how_to_record_it(inside: Any, served: ServedDevices) -> None:
+def test_the_list_says_what_speaks_and_how_to_record_it(
+    inside: Any, served: ServedDevices, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = partial(MaestroClient, timeout_s=0.1)
+    monkeypatch.setattr(survey, "MaestroClient", quick)  # for the one that is mute
     imu, lab = served.add("imu", MPU), served.add("lab", LAB, 400.0)
     mute, jig = served.add("mute", MPU), served.add_servos("jig")
     served.silence("mute")
     ports = [option for url in (imu, lab, mute, jig) for option in ("--port", url)]
-    shown = inside("devices", *ports, "--probe", "--seconds", 0.4).stdout
+    shown = inside("devices", *ports, "--probe", "--seconds", 0.3).stdout
     assert "mpu9150-28: " in shown
     assert f"imu-rig record --device imu={imu},layout=mpu9150-28" in shown
     assert "packets of 30 bytes that begin with EB 91" in shown
@@ -48,7 +54,7 @@ def test_the_list_says_what_speaks_and_how_to_record_it(inside: Any, served: Ser
 
 def test_the_list_for_programs(inside: Any, served: ServedDevices) -> None:
     imu = served.add("imu", MPU)
-    done = inside("devices", "--port", imu, "--seconds", 0.4, "--json")
+    done = inside("devices", "--port", imu, "--seconds", 0.3, "--json")
     (port,) = json.loads(done.stdout)["ports"]
     assert (port["port"], port["state"], port["layout"]) == (imu, "recognized", "mpu9150-28")
     assert port["streams"][""] == pytest.approx(100.0, rel=0.2)
@@ -90,7 +96,7 @@ def test_an_unknown_device_gets_a_layout_file_that_reads_it(
     inside: Any, served: ServedDevices, tmp_path: Path
 ) -> None:
     lab, file = served.add("lab", LAB, 400.0), tmp_path / "my lab's.toml"
-    shown = inside("devices", "identify", lab, "--seconds", 0.5, "--write", file).stdout
+    shown = inside("devices", "identify", lab, "--seconds", 0.3, "--write", file).stdout
     assert "crc16-ccitt-false" in shown
     assert "counter u8" in shown
     rows = [line for line in shown.splitlines() if line.strip().startswith("EB 91")]
@@ -102,7 +108,7 @@ def test_an_unknown_device_gets_a_layout_file_that_reads_it(
     again = inside("devices", "identify", lab, "--seconds", 0.5, "--write", file, code=2)
     assert "exists" in again.stderr
     assert file.read_bytes() == before
-    known = inside("devices", "identify", lab, "--seconds", 0.3, "--layouts", tmp_path, "--json")
+    known = inside("devices", "identify", lab, "--seconds", 0.15, "--layouts", tmp_path, "--json")
     assert json.loads(known.stdout)["layout"] == str(file)
 
 
@@ -120,7 +126,7 @@ def test_noise_and_silence_are_failures_with_a_reason(inside: Any, served: Serve
     noisy, mute = served.add("noisy", MPU), served.add("mute", MPU)
     served.garbage("noisy")
     served.silence("mute")
-    done = inside("devices", "identify", noisy, "--seconds", 0.4, code=4)
+    done = inside("devices", "identify", noisy, "--seconds", 0.2, code=4)
     assert "without any packet known" in done.stderr
     done = inside("devices", "identify", mute, "--seconds", 0.15, "--json", code=4)
     told = json.loads(done.stdout)

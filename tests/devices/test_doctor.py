@@ -2,11 +2,12 @@
 
 import stat
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from imu_rig.devices.doctor import disk, machine
+from imu_rig.devices.doctor import disk, machine, maestro
 from imu_rig.devices.doctor.bluetooth import check_bluetooth
 from imu_rig.devices.doctor.disk import DiskSpeed, check_disk, check_kind, check_room, judge_speed
 from imu_rig.devices.doctor.examine import examine
@@ -20,6 +21,7 @@ from imu_rig.devices.doctor.machine import (
 from imu_rig.devices.doctor.maestro import check_maestro
 from imu_rig.devices.doctor.serial_ports import check_grabbers, check_latency, check_permissions
 from imu_rig.devices.doctor.system import Owner, System
+from imu_rig.devices.maestro import MaestroClient
 from imu_rig.devices.ports import SeenPort
 from simulators.models import MaestroModel
 from simulators.served_devices import ServedDevices
@@ -327,7 +329,9 @@ def test_a_maestro_is_asked_only_when_told_to(monkeypatch):
     assert check_maestro(None, seen[2:]) == []
 
 
-def test_a_maestro_that_listens_is_well_and_a_mute_one_is_explained():
+def test_a_maestro_that_listens_is_well_and_a_mute_one_is_explained(monkeypatch):
+    quick = partial(MaestroClient, timeout_s=0.1)
+    monkeypatch.setattr(maestro, "MaestroClient", quick)
     with ServedDevices() as served:
         (well,) = check_maestro(served.add_servos("jig", MaestroModel()), [])
         mute = served.add("mute", "mpu9150-28")

@@ -84,7 +84,7 @@ def test_times_over_the_simulated_radio_are_good_to_2_ms_after_half_a_minute():
     )
     world, stream, blocks = World(config), ImuStream(MPU), []
     pieces = []
-    for step in range(1, 9_000):  # 45 s
+    for step in range(1, 7_200):  # 36 s
         world.advance(step * 0.005)
         if data := world.take("imu"):
             pieces.append((round(world.t_s * 1e9), data))
@@ -121,7 +121,7 @@ def test_unplugging_is_noticed_within_a_second_and_the_same_name_opens_again(tra
         wait_until(lambda: not _reopens(imu))
         with pytest.raises(DeviceLost, match="not back"):
             imu.reopen()
-        time.sleep(0.5)
+        time.sleep(0.2)
         rig.clear("imu")
         wait_until(lambda: _reopens(imu))
         block = collect(imu, 20)
@@ -243,7 +243,7 @@ def test_a_poll_does_a_bounded_work_and_the_next_ones_the_rest(monkeypatch):
     monkeypatch.setattr(stream_device, "DECODE_S", 0.0)
     received = []
     with running(tap=lambda t, data: received.append(len(data))) as (_, imu, _):
-        wait_until(lambda: sum(received) > 12_000)
+        wait_until(lambda: sum(received) > 6_000)
         imu.stop()
         assert max(received) < 2000
         blocks = [imu.poll() for _ in range(2 * sum(received) // 2000 + 2)]
@@ -259,7 +259,7 @@ def test_of_more_than_can_be_decoded_the_newest_is(monkeypatch):
     monkeypatch.setattr(stream_device, "MAX_BEHIND_BYTES", 1000)
     received = []
     with running(tap=lambda t, data: received.append((t, len(data)))) as (_, imu, _):
-        wait_until(lambda: sum(size for _, size in received) > 12_000)
+        wait_until(lambda: sum(size for _, size in received) > 7_000)
         imu.stop()
         blocks = [imu.poll() for _ in range(10)]
         unread = imu.health.unread
@@ -273,8 +273,8 @@ def test_what_nobody_polls_is_bounded_and_counted(monkeypatch):
     monkeypatch.setattr(stream_device, "MAX_UNREAD_BYTES", 3000)
     received = []
     with running(tap=lambda t, data: received.append(len(data))) as (_, imu, _):
-        wait_until(lambda: sum(received) > 12_000)
+        wait_until(lambda: sum(received) > 9_000)
         block, health = imu.poll(), imu.health
-    assert 0 < len(block) < 12_000 // 28 - 200
+    assert 0 < len(block) < 9_000 // 28 - 100
     assert health.unread > 100
     assert np.all(np.diff(block.t) > 0)

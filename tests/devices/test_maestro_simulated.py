@@ -262,7 +262,7 @@ COMMANDS = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(plan=st.lists(COMMANDS, max_size=8))
 def test_no_target_outside_the_limits_ever_reaches_the_wire(ear, plan):
     ear.heard.clear()

@@ -52,7 +52,7 @@ def test_what_is_heard_is_named(data, state, words):
     assert words in finding.says
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(st.data())
 def test_no_damage_breaks_the_judgement(data):
     stream = bytearray(data.draw(st.sampled_from([PACKETS, FOREIGN, b"FA FF\r\n" * 50])))
