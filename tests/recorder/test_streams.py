@@ -11,7 +11,8 @@ import pytest
 from firmware_protocols.known import load_protocol
 from imu_rig.calibration.certificate import load_certificate
 from imu_rig.cli.recorded_trial import recorded_facts
-from imu_rig.clock import SystemClock
+from imu_rig.clock import ScaledClock, SystemClock
+from imu_rig.devices import mti
 from imu_rig.devices.stream_device import StreamHealth
 from imu_rig.errors import DeviceError, InputError
 from imu_rig.monitor.engine import NothingKept
@@ -28,17 +29,18 @@ from simulators.served_devices import ServedDevices
 
 CERTIFICATE = Path(__file__).parents[1] / "data" / "certificate-v1.json"
 CLOCK = SystemClock()
+FASTER = ScaledClock(3.0)  # where only what happens is looked at, and not when
 PATIENCE_S = 20.0
 
 
 @contextmanager
-def recording(devices, path, **more):
+def recording(devices, path, clock=CLOCK, **more):
     """Record in a thread of its own; yields the stop, the statuses and the sentences."""
     stop, statuses, notices, errors = StopRequest(), [], [], []
     recorder = Recorder(
         TrialSetup(devices=devices),
         path,
-        CLOCK,
+        clock,
         stop=stop,
         observe=statuses.append,
         notify=notices.append,
@@ -162,10 +164,10 @@ def test_a_stream_that_never_comes_is_waited_for_unless_it_is_optional(tmp_path)
 
 def test_what_is_said_to_a_device_is_recorded_and_told_from_what_it_says(tmp_path):
     path = tmp_path / "walk.imu-trial"
-    with ServedDevices(CLOCK) as served:
+    with ServedDevices(FASTER) as served:
         url = served.add("mti", "xsens-mti", seed=1)
         device = (DeviceSetup(name="mti", port=url, layout="xsens-mti"),)
-        with recording(device, path) as (statuses, _, _, _):
+        with recording(device, path, FASTER) as (statuses, _, _, _):
             until(lambda: states(statuses) == {"mti": "live"})
     trial = open_trial(path)
     assert bytes.fromhex("FA FF 30 00 D1") in trial.wire("mti", "out").data  # GoToConfig
@@ -175,11 +177,11 @@ def test_what_is_said_to_a_device_is_recorded_and_told_from_what_it_says(tmp_pat
 
 
 def test_what_the_conversation_with_a_device_interrupts_is_not_lost(tmp_path):
-    with ServedDevices(CLOCK) as served:
+    with ServedDevices(FASTER) as served:
         url = served.add("mti", "xsens-mti", seed=1)
         device = (DeviceSetup(name="mti", port=url, layout="xsens-mti"),)
         for path in (tmp_path / "a.imu-trial", tmp_path / "b.imu-trial"):  # it measures, then
-            with recording(device, path) as (statuses, _, _, _):
+            with recording(device, path, FASTER) as (statuses, _, _, _):
                 until(lambda seen=statuses: states(seen) == {"mti": "live"})
             assert statuses[-1].devices[0].lost == 0
             trial = open_trial(path)
@@ -243,14 +245,17 @@ def test_a_device_that_was_heard_and_refuses_is_lost_and_not_waited_for():
     assert "settings" in waist_status.problem
 
 
-def test_a_device_that_refuses_to_talk_is_told_of_and_costs_the_others_nothing(tmp_path):
+def test_a_device_that_refuses_to_talk_is_told_of_and_costs_the_others_nothing(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(mti, "ANSWER_S", 0.1)  # that it is waited for in vain
     path = tmp_path / "walk.imu-trial"
-    with ServedDevices(CLOCK) as served:
+    with ServedDevices(FASTER) as served:
         left = DeviceSetup(name="left", port=served.add("left", "mpu9150-28"))
         odd = DeviceSetup(
             name="odd", port=served.add("odd", "baro-16"), layout="xsens-mti", required=False
         )
-        with recording((left, odd), path) as (statuses, _, _, _):
+        with recording((left, odd), path, FASTER) as (statuses, _, _, _):
             until(lambda: states(statuses).get("left") == "live" and statuses[-1].rows[1].problem)
             assert states(statuses)["odd"] in ("waiting", "garbled")
             assert "odd" in statuses[-1].rows[1].problem
