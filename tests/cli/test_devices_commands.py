@@ -54,7 +54,7 @@ def test_the_list_says_what_speaks_and_how_to_record_it(
 
 def test_the_list_for_programs(inside: Any, served: ServedDevices) -> None:
     imu = served.add("imu", MPU)
-    done = inside("devices", "--port", imu, "--seconds", 0.3, "--json")
+    done = inside("devices", "--port", imu, "--seconds", 0.4, "--json")
     (port,) = json.loads(done.stdout)["ports"]
     assert (port["port"], port["state"], port["layout"]) == (imu, "recognized", "mpu9150-28")
     assert port["streams"][""] == pytest.approx(100.0, rel=0.2)
