@@ -81,8 +81,7 @@ def monitor(
         seconds = SAVE_AFTER_S
     with contextlib.ExitStack() as stack:
         stop, view = StopRequest(), MonitorView(quiet=quiet, as_json=as_json)
-        # to the very end: who presses Ctrl-C twice shall not be told of it by the system
-        stack.enter_context(stop_on_signals(stop, view.notify, "Stopping."))
+        stack.enter_context(stop_on_signals(stop, view.notify, "Stopping.", to_the_end=True))
         if simulate is not None and (device or setup is not None):
             raise InputError("Give either --simulate or devices of your own, not both.")
         if plot:

@@ -36,11 +36,15 @@ def stop_on_signals(
     stop: StopRequest,
     notify: Callable[[str], None] = lambda sentence: None,
     stopping: str = "Stopping: the jig parks and the file is closed; once more to hurry.",
+    *,
+    to_the_end: bool = False,
 ) -> Iterator[None]:
     """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request while the block runs.
 
-    ``stopping`` is said at the first. A SIGHUP that is ignored already stays so: whoever starts a
-    program with ``nohup`` wants it to go on.
+    ``stopping`` is said at the first. With ``to_the_end`` a program that was stopped and has
+    nothing left to do after the block hears no Ctrl-C any more: it takes some tenths of a second
+    to end, and would not with its exit code. A SIGHUP that is ignored already stays so: whoever
+    starts a program with ``nohup`` wants it to go on.
     """
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -60,4 +64,5 @@ def stop_on_signals(
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            deaf = to_the_end and stop.cause is not None and number == signal.SIGINT
+            signal.signal(number, signal.SIG_IGN if deaf else handler)
