@@ -16,7 +16,6 @@ from simulators.budget import Budget, draw_firmware, draw_jig, draw_sensor
 from simulators.faults import PlannedFault
 from simulators.imu_kinds import DEFAULT_KIND, IMU_KINDS, ImuKind, check_kind
 from simulators.models import (
-    IDENTITY,
     ZERO,
     FirmwareModel,
     JigModel,
@@ -203,20 +202,7 @@ class RigConfig(Model):
                 lever_arm_m=ZERO,
                 vibration_mg=0.0,
             ),
-            sensor=SensorModel(
-                accel_gain=IDENTITY,
-                accel_offset=ZERO,
-                gyro_gain=IDENTITY,
-                gyro_offset=ZERO,
-                mag_gain=IDENTITY,
-                mag_offset=ZERO,
-                accel_noise_ug=0.0,
-                gyro_noise_dps=0.0,
-                mag_noise_ut=0.0,
-                accel_walk_mg=0.0,
-                gyro_walk_dps=0.0,
-                warm_up_c=0.0,
-            ),
+            sensor=SensorModel.exact(quantized=True),
             firmware=FirmwareModel(
                 skew_ppm=0.0, clock_offset_s=0.0, burst_s=(0.0, 0.0), latency_s=0.0
             ),

@@ -208,6 +208,25 @@ class SensorModel(Model):
     ambient_c: float = 25.0
     quantized: bool = True
 
+    @classmethod
+    def exact(cls, *, quantized: bool) -> SensorModel:
+        """Return a sensor without errors, noise and drift."""
+        return cls(
+            accel_gain=IDENTITY,
+            accel_offset=ZERO,
+            gyro_gain=IDENTITY,
+            gyro_offset=ZERO,
+            mag_gain=IDENTITY,
+            mag_offset=ZERO,
+            accel_noise_ug=0.0,
+            gyro_noise_dps=0.0,
+            mag_noise_ut=0.0,
+            accel_walk_mg=0.0,
+            gyro_walk_dps=0.0,
+            warm_up_c=0.0,
+            quantized=quantized,
+        )
+
 
 class FirmwareModel(Model):
     """The microcontroller that samples the sensor and sends packets to the host.

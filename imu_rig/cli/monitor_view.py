@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 from imu_rig.cli.monitor_json import status_line
 from imu_rig.cli.monitor_screen import plain_line, screen
-from imu_rig.cli.unheld import write_line
-from imu_rig.cli.view import View
+from imu_rig.cli.view import PLAIN_LINE_S, StatusView
 from imu_rig.monitor.status import MonitorStatus
 
 if TYPE_CHECKING:
@@ -16,32 +14,18 @@ if TYPE_CHECKING:
 
     from imu_rig.monitor.window import PlotWindow
 
-PLAIN_LINE_S = 10.0  # between lines where stderr is no terminal and nothing changes
-JSON_LINE_S = 1.0
 
-
-class MonitorView(View):
-    """Shows devices; see `View`.
-
-    Parameters
-    ----------
-    quiet : bool
-        Nothing on stderr.
-    as_json : bool
-        A JSON object with the status every second on stdout.
-    """
+class MonitorView(StatusView[MonitorStatus]):
+    """Shows devices; parameters as for `StatusView`."""
 
     def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
-        super().__init__(quiet=quiet)
-        if as_json:
-            self.in_thread(self._write_json)
-        self._status: MonitorStatus | None = None
+        super().__init__(quiet=quiet, as_json=as_json)
         self._states_told: tuple[str, ...] = ()
         self._window: PlotWindow | None = None
 
     def observe(self, status: MonitorStatus) -> None:
         """Take the latest status."""
-        self._status = status
+        super().observe(status)
         if self._window is not None and not self._window.is_open:
             self._window = None
             self.notify("The plot was closed; the figures go on.")
@@ -52,11 +36,11 @@ class MonitorView(View):
 
     def screen(self, width: int, height: int) -> RenderableType | None:
         """Draw the latest status."""
-        return None if self._status is None else screen(self._status, width, height)
+        return None if self.status is None else screen(self.status, width, height)
 
     def log_lines(self, since_s: float) -> list[str]:
         """Tell each change of a state, and how it goes now and then."""
-        status = self._status
+        status = self.status
         if status is None:
             return []
         states = tuple(row.state for row in status.rows)
@@ -65,10 +49,6 @@ class MonitorView(View):
         self._states_told = states
         return [plain_line(status)]
 
-    def _write_json(self) -> None:
-        try:
-            while not self.ended.wait(JSON_LINE_S):
-                if self._status is not None:
-                    write_line(sys.stdout, status_line(self._status))
-        except (OSError, ValueError):  # nobody reads any more
-            return
+    def json_text(self, status: MonitorStatus) -> str:
+        """Return a status as one JSON object."""
+        return status_line(status)

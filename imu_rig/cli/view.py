@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Generic, Self, TypeVar
+
+from imu_rig.cli.unheld import write_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 REFRESH_S = 0.2
+PLAIN_LINE_S = 10.0  # between lines where stderr is no terminal and nothing changes
+JSON_LINE_S = 1.0
 LAST_WORDS_S = 1.0  # for a terminal to take what is left to say
 MOST_SENTENCES = 200
 BAR_WIDTH = 30
@@ -114,6 +119,43 @@ class View(ABC):
                 self._sentences.popleft(), markup=False, soft_wrap=not console.is_terminal
             )
         return going
+
+
+Status = TypeVar("Status")
+
+
+class StatusView(View, Generic[Status]):
+    """Shows what tells its status now and then, to programs too.
+
+    Parameters
+    ----------
+    quiet : bool
+        Nothing on stderr.
+    as_json : bool
+        A JSON object with the status every second on stdout.
+    """
+
+    def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
+        super().__init__(quiet=quiet)
+        self.status: Status | None = None
+        if as_json:
+            self.in_thread(self._write_json)
+
+    def observe(self, status: Status) -> None:
+        """Take the latest status."""
+        self.status = status
+
+    @abstractmethod
+    def json_text(self, status: Status) -> str:
+        """Return a status as one JSON object."""
+
+    def _write_json(self) -> None:
+        try:
+            while not self.ended.wait(JSON_LINE_S):
+                if self.status is not None:
+                    write_line(sys.stdout, self.json_text(self.status))
+        except (OSError, ValueError):  # nobody reads any more
+            return
 
 
 def bar(share: float, width: int = BAR_WIDTH) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from simulators.budget import draw_firmware, draw_sensor
 from simulators.encoders import Encoder, MadeSamples
 from simulators.imu_kinds import IMU_KINDS, ImuKind, check_kind
 from simulators.inertial_sensor import InertialSensor
-from simulators.models import IDENTITY, ZERO, FirmwareModel, SensorModel
+from simulators.models import FirmwareModel, SensorModel
 from simulators.sampling import Means
 from simulators.walker.air import Weather
 from simulators.walker.sensor import IdealSensor
@@ -294,21 +294,7 @@ def _sensor(kind: ImuKind, rng: np.random.Generator, exact: bool) -> SensorModel
     drawn = draw_sensor(rng, kind.budget, kind.sensor)
     if not exact:
         return drawn
-    return SensorModel(
-        accel_gain=IDENTITY,
-        accel_offset=ZERO,
-        gyro_gain=IDENTITY,
-        gyro_offset=ZERO,
-        mag_gain=IDENTITY,
-        mag_offset=ZERO,
-        accel_noise_ug=0.0,
-        gyro_noise_dps=0.0,
-        mag_noise_ut=0.0,
-        accel_walk_mg=0.0,
-        gyro_walk_dps=0.0,
-        warm_up_c=0.0,
-        quantized=False,
-    )
+    return SensorModel.exact(quantized=False)
 
 
 def _firmware(kind: ImuKind, rng: np.random.Generator, exact: bool) -> FirmwareModel:

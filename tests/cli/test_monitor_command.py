@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.text import Text
 from terminal import Terminal
 
-from imu_rig.cli import monitor_view
+from imu_rig.cli import view
 from imu_rig.cli.monitor_screen import plain_line, plain_table, screen
 from imu_rig.clock import SystemClock
 from imu_rig.errors import StorageError
@@ -103,7 +103,7 @@ def test_a_log_names_what_is_not_well():
 
 def test_json_lines_end_with_the_result(inside, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(monitor_view, "JSON_LINE_S", 0.3)
+    monkeypatch.setattr(view, "JSON_LINE_S", 0.3)
     done = inside("monitor", "--simulate", "two-imu", "--seconds", 0.8, "--json")
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert {next(iter(line)) for line in lines[:-1]} == {"status"}
