@@ -23,33 +23,28 @@ settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parent.parent
 AGAINST_THE_CLOCK = tuple(
-    f"tests/{folder}/" for folder in ("cli", "devices", "recorder", "simulators")
+    f"tests/{folder}/" for folder in ("cli", "devices", "end_to_end", "recorder", "simulators")
 )
-ON_A_CLOCK_THAT_WAITS = "tests/end_to_end/"
 KEEPING_THEIR_OWN_TIME = tuple(
-    f"tests/{folder}/test_{name}"
-    for folder, names in {
-        "simulators": (
-            "adis16405_",
-            "imu_kinds",
-            "jig_kinematics",
-            "maestro_channel",
-            "mma7260",
-            "mpu9150_model",
-            "ms5803_chip",
-            "quick_session",
-            "sample_means",
-            "servo_motion",
-            "two_imu",
-            "waist_unit",
-            "walk_devices",
-            "walk_motion",
-            "walk_truth",
-            "world_physics",
-        ),
-        "cli": ("noise_command", "certificate_commands", "protocol_command", "summary", "words"),
-    }.items()
-    for name in names
+    f"tests/simulators/test_{name}"
+    for name in (
+        "adis16405_",
+        "imu_kinds",
+        "jig_kinematics",
+        "maestro_channel",
+        "mma7260",
+        "mpu9150_model",
+        "ms5803_chip",
+        "quick_session",
+        "sample_means",
+        "servo_motion",
+        "two_imu",
+        "waist_unit",
+        "walk_devices",
+        "walk_motion",
+        "walk_truth",
+        "world_physics",
+    )
 )
 """Files in those folders that open no ports: they may run beside anything."""
 LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
@@ -66,14 +61,11 @@ class _InWholeFiles(LoadScopeScheduling):
     """Keep together every file, and all that runs against the clock.
 
     Simulated hardware keeps up with its clock as long as it has a core to itself; two such tests
-    at a time, of which some start a dozen programs, would take it from each other. Sessions on a
-    scaled clock, which waits for what it simulates, are kept together beside them.
+    at a time, of which some start a dozen programs, would take it from each other.
     """
 
     def _split_scope(self, nodeid: str) -> str:
         path = nodeid.split("::")[0]
-        if path.startswith(ON_A_CLOCK_THAT_WAITS):
-            return ON_A_CLOCK_THAT_WAITS
         if path.startswith(KEEPING_THEIR_OWN_TIME) or not path.startswith(AGAINST_THE_CLOCK):
             return path
         return "against the clock"

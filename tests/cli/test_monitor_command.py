@@ -131,7 +131,7 @@ def test_what_came_is_told_and_drawn_also_where_something_is_missing(inside, tmp
     with ServedDevices(SystemClock()) as served:
         port = served.add("receiver", "two-imu")
         served.silence("receiver", stream="waist")
-        options = ("-d", f"receiver={port},layout=two-imu", "-t", 0.5, "--save", picture, "--json")
+        options = ("-d", f"receiver={port},layout=two-imu", "-t", 1.5, "--save", picture, "--json")
         done = inside("monitor", *options, code=4)
     result = json.loads(done.stdout.splitlines()[-1])["result"]
     assert (result["exit_code"], result["picture"]) == (4, str(picture))
