@@ -126,8 +126,8 @@ The last agrees with the maker's 20 cm. Let a barometer lie still for a minute a
 MS5803_TEMPERATURE_NOISE_C = {256: 0.012, 512: 0.008, 1024: 0.005, 2048: 0.003, 4096: 0.002}
 """The same of a temperature [degC], from memory."""
 
-MS5803_EARLY_READ_GIVES_ZERO = True
-"""A read before the end of a conversion, or a second one after it, gives 0; from memory."""
+MS5803_EARLY_READ = 0
+"""What a read before the end of a conversion gives, or a second one after it; from memory."""
 
 MMA7260_G_SELECT = {0: (1.5, 800.0), 1: (2.0, 600.0), 2: (4.0, 300.0), 3: (6.0, 200.0)}
 """Range [g] and sensitivity [mV/g at 3.3 V] by the pins g-Select2 and g-Select1 as one number.

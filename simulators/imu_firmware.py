@@ -94,10 +94,6 @@ class ImuFirmware:
     def _period_s(self) -> float:
         return 1.0 / self._encoder.sample_hz
 
-    def device_clock_s(self, t: FloatArray) -> FloatArray:
-        """Return what the device's clock shows at world times."""
-        return self._boot_clock_s + (t - self._boot_s) / self._true_per_device_s
-
     def set_stuck(self, stuck: bool) -> None:
         """Repeat the last sample from now on, or no longer."""
         self._stuck = self._last if stuck else None

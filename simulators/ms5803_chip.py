@@ -25,6 +25,7 @@ from firmware_protocols.ms5803 import (
     with_crc,
 )
 from firmware_protocols.unconfirmed import (
+    MS5803_EARLY_READ,
     MS5803_LONGEST_CONVERSION_S,
     MS5803_PRESSURE_NOISE_PA,
     MS5803_RESET_S,
@@ -111,7 +112,7 @@ class Ms5803Chip:
         busy = now_s < self._ready_s
         self._answer = b""
         if byte == ADC_READ:
-            result = 0 if busy or self._result is None else self._result
+            result = MS5803_EARLY_READ if busy or self._result is None else self._result
             self._result = None
             self._answer = result.to_bytes(3, "big")
             return

@@ -33,7 +33,6 @@ from imu_rig.errors import ImuRigError
 BY_ID = Path("/dev/serial/by-id")
 MOST_AT_ONCE = 16  # ports that are listened to
 SHORT_S = 0.7  # at each further baud rate
-FEW_BYTES = 64
 
 State = Literal["recognized", "known", "unknown", "text", "noise", "silent", "closed", "listed"]
 """What was found out about a port.
