@@ -1,0 +1,20 @@
+"""How inner loops are compiled: once, kept on disk, and with the types of plain functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+from numba import njit
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function when it is first called; later processes load what the first one made.
+
+    Divisions by zero give infinities and NaN as in numpy, and other threads run meanwhile.
+    """
+    make = njit(cache=True, nogil=True, error_model="numpy")
+    return cast(Callable[P, R], make(function))

@@ -1,0 +1,1 @@
+"""Estimates beside a reference: alignment of frames, errors, and tables of them."""
