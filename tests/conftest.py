@@ -51,6 +51,15 @@ LEAK_PATIENCE_S = 2.0  # a thread told to stop may still be on its last lines
 WORKERS = 2  # sessions in simulated time mostly wait; more would get in each other's way
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let whoever has the time run what the ordinary suite samples."""
+    parser.addoption(
+        "--exhaustive",
+        action="store_true",
+        help="every combination of faults and states, where the suite takes turns",
+    )
+
+
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Share the whole suite between processes; a part of it runs in this one."""
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS

@@ -123,28 +123,52 @@ def seconds_to_park(trial: Trial) -> float:
     )
 
 
-@pytest.mark.parametrize("word", WORDS)
-@pytest.mark.parametrize(
-    ("device", "state", "lasting"),
-    [
-        ("imu", "moving", False),
-        ("imu", "holding", False),
-        ("imu", "moving", True),
-        ("imu", "holding", True),
-        ("maestro", "moving", False),
-        ("maestro", "holding", False),
-        ("maestro", "moving", True),
-    ],
+SITUATIONS = (
+    ("imu", "moving", False),
+    ("imu", "holding", False),
+    ("imu", "moving", True),
+    ("imu", "holding", True),
+    ("maestro", "moving", False),
+    ("maestro", "holding", False),
+    ("maestro", "moving", True),
 )
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Meet every device with every fault, short and lasting; in every state only if asked.
+
+    Whether the rig moves or holds then takes turns from fault to fault.
+    """
+    if "situation" not in metafunc.fixturenames:
+        return
+    chosen = [
+        pytest.param(word, situation, id="-".join((*map(str, situation), word)))
+        for number, word in enumerate(WORDS)
+        for device in ("imu", "maestro")
+        for lasting in (False, True)
+        for situation in _situations(device, lasting, number, metafunc.config)
+    ]
+    metafunc.parametrize(("word", "situation"), chosen)
+
+
+def _situations(
+    device: str, lasting: bool, number: int, config: pytest.Config
+) -> list[tuple[str, str, bool]]:
+    there = [s for s in SITUATIONS if (s[0], s[2]) == (device, lasting)]
+    if config.getoption("--exhaustive"):
+        return there
+    return [there[(number + lasting) % len(there)]]
+
+
 def test_a_session_survives_or_stops_safely(
     tmp_path: Path,
     clock: ScaledClock,
     rig: SimulatedRig,
     device: str,
     word: str,
-    state: str,
-    lasting: bool,
+    situation: tuple[str, str, bool],
 ) -> None:
+    device, state, lasting = situation
     path = tmp_path / "session.imu-trial"
     inject = Injector(rig, device, word, state, None if lasting or word == "reset" else 2.0)
     notices: list[str] = []
