@@ -15,6 +15,9 @@ from imu_rig.units import DEG
 WALK_RATIO = 0.0065
 """Length [m] over steps per minute: nearly the same at every speed of one person."""
 
+SPRINT_MS = 4.5
+"""Who runs faster sprints."""
+
 Kind = Literal["walk", "run", "up", "down"]
 
 
@@ -146,15 +149,20 @@ def _walk(speed: float) -> Gait:
 
 
 def _run(speed: float) -> Gait:
-    step_s = 0.375 - 0.012 * min(6.0, max(0.0, speed - 2.0))
+    """Return the gait of a runner, who sprints from `SPRINT_MS` on: the ball then meets the ground.
+
+    Sprinters take shorter steps, lie flat for an instant only, and are over the ball at once.
+    """
+    sprint = min(1.0, max(0.0, speed - SPRINT_MS))
+    step_s = 0.375 - 0.012 * min(6.0, max(0.0, speed - 2.0)) - 0.025 * max(0.0, speed - SPRINT_MS)
     return Gait(
         step_m=speed * step_s,
         step_s=step_s,
         stance=max(0.24, 0.40 - 0.045 * (speed - 2.0)),
-        flat=0.14,
-        heel_off=0.19,
+        flat=0.14 - 0.08 * sprint,
+        heel_off=0.19 - 0.10 * sprint,
         toes=0.045,
-        strike=-12.0 * DEG,
+        strike=(-12.0 + 16.0 * sprint) * DEG,
         push=52.0 * DEG,
         kick=88.0 * DEG,
         kick_at=0.20,

@@ -10,6 +10,9 @@ from simulators.walker.steps import Leg, Stand, Walk
 CORRIDOR = ((0.0, 0.0), (9.0, 0.0), (10.0, -8.0), (11.8, -8.0), (11.0, 1.35), (0.0, 1.35))
 """The office walk of the published two-unit system [m]."""
 
+LOOP = ((0.0, 0.0), (26.0, 0.0), (26.0, 14.0), (14.0, 14.0), (14.0, 10.0), (0.0, 10.0))
+"""A way of 80 m with bends to both sides that comes back to its begin [m]."""
+
 
 @dataclass(frozen=True)
 class Slide:
@@ -121,6 +124,23 @@ SCENARIOS = {
             "there-and-back",
             "Five times 10 m there and back",
             *(Walk(_there_and_back(Straight(10.0))) for _ in range(5)),
+        ),
+        _walk(
+            "loop-80m",
+            "80 m with six bends to either side, back to the begin, at 1.3 m/s",
+            Walk((*through(LOOP, to_start=True), Turn(90.0))),
+        ),
+        _walk(
+            "shuffle-turns",
+            "Shuffling at 0.4 m/s, with turns on the spot of 90, -180, 360 and -270 deg",
+            Walk((Straight(2.0), Turn(90.0), Straight(2.0), Turn(-180.0)), (0.4,)),
+            Walk((Straight(2.0), Turn(360.0), Straight(2.0), Turn(-270.0)), (0.4,)),
+        ),
+        _walk("fast-run", "100 m at 4.4 m/s with strides of 3 m", Walk((Straight(100.0),), (4.4,))),
+        _walk(
+            "sprint",
+            "80 m, in the middle at 5.5 m/s on the balls of the feet with strides of 3 m",
+            Walk((Straight(80.0),), (3.0, 5.5, 5.5, 5.5, 5.5, 3.0), cadence=1.12),
         ),
         Scenario("standing", "Standing for a minute", (Stand(60.0),)),
         _walk(

@@ -53,10 +53,13 @@ class Walk:
     pieces : tuple of pieces of the way
     speeds : tuple of float
         At equal distances along the way, in between linearly [m/s].
+    cadence : float
+        How many steps on the level are taken in a time, as a share of what is usual at the speed.
     """
 
     pieces: tuple[Piece, ...]
     speeds: tuple[float, ...] = (1.3,)
+    cadence: float = 1.0
 
 
 Leg = Stand | Walk
@@ -289,7 +292,7 @@ def _intended(walk: Walk, begin: Station, uneven: _Uneven) -> Iterator[_Step]:
         if kind:
             flat = [piece for piece in group if isinstance(piece, Straight | Arc)]
             length = sum(plan_length(piece) for piece in flat)
-            for at, gait in _level_steps(walk.speeds, done, length, total, uneven, number):
+            for at, gait in _level_steps(walk, done, length, total, uneven, number):
                 number += 1
                 yield _Step(on_pieces(station, flat, at), gait)
             station = on_pieces(station, flat, length)
@@ -315,7 +318,7 @@ def _intended(walk: Walk, begin: Station, uneven: _Uneven) -> Iterator[_Step]:
 
 
 def _level_steps(
-    speeds: tuple[float, ...],
+    walk: Walk,
     done: float,
     length: float,
     total: float,
@@ -327,8 +330,10 @@ def _level_steps(
     gaits: list[Gait] = []
     while sum(lengths) < length - 0.25:
         share = (done + sum(lengths)) / total
-        speed = float(np.interp(share, np.linspace(0.0, 1.0, len(speeds)), speeds))
+        speed = float(np.interp(share, np.linspace(0.0, 1.0, len(walk.speeds)), walk.speeds))
         gait = gait_at(speed, "run" if speed >= RUN_FROM_MS else "walk")
+        step = (gait.step_m / walk.cadence, gait.step_s / walk.cadence)
+        gait = replace(gait, step_m=step[0], step_s=step[1])
         gaits.append(gait)
         lengths.append(gait.step_m * max(0.5, uneven(number + len(lengths))))
     scale = length / sum(lengths) if lengths else 1.0

@@ -145,6 +145,27 @@ def test_a_walk_is_as_long_as_it_says_and_goes_where_it_says():
     assert (station.x, station.y) == pytest.approx(CORRIDOR[-1], abs=1e-4)
 
 
+def test_sprinters_and_fast_runners_take_strides_of_3_m():
+    for name in ("fast-run", "sprint"):
+        falls = Walker(name, 2, surroundings=Surroundings.ideal()).falls[0]
+        strides = stride_lengths(falls)
+        assert np.sum(np.abs(strides - 3.0) < 0.12) > len(strides) // 2, name
+    quick = Walk((Straight(30.0),), (4.0,), cadence=1.25)
+    person = Walker(Scenario("test", "Test", (Stand(1.0), quick)), manner=Manner.regular())
+    usual = gait_at(4.0, "run")
+    assert np.median(stride_lengths(person.falls[0])) == pytest.approx(
+        2.0 * usual.step_m / 1.25, rel=0.05
+    )
+
+
+def test_a_loop_ends_where_it_began():
+    (left, right) = Walker("loop-80m", 2, surroundings=Surroundings.ideal()).falls
+    for falls in (left, right):
+        assert falls[-1].ball == pytest.approx(falls[0].ball, abs=0.05)
+        assert 75.0 < sum(stride_lengths(falls)) < 82.0
+        assert falls[-1].yaw - falls[0].yaw == pytest.approx(2.0 * np.pi, abs=0.2)
+
+
 def test_slopes_stairs_and_turns_are_as_steep_high_and_wide_as_they_say():
     uphill = Sole(Walker("slope-up"))
     assert uphill.ball[-1, 2] == pytest.approx(50.0 * np.tan(np.radians(5.5)), abs=1e-6)
@@ -180,12 +201,14 @@ def test_a_half_circle_of_0_36_m_is_one():
 
 def test_every_scenario_can_be_walked_and_is_of_human_scale():
     for name in SCENARIOS:
+        fast = name in ("fast-run", "sprint")  # a foot goes more than twice as fast as its body
+        most_g, most_dps, most_ms = (30.0, 1400.0, 14.0) if fast else (15.0, 1200.0, 9.0)
         person = Walker(name, 2, surroundings=Surroundings.ideal())
         for place in ("left-foot", "waist"):
             motion = person.sensor(place).at(np.arange(0.0, person.end_s, 0.1))
-            assert np.linalg.norm(motion.force, axis=1).max() < 15.0 * STANDARD_GRAVITY, name
-            assert np.linalg.norm(motion.rate, axis=1).max() < np.radians(1200.0), name
-            assert np.linalg.norm(motion.velocity, axis=1).max() < 9.0, name
+            assert np.linalg.norm(motion.force, axis=1).max() < most_g * STANDARD_GRAVITY, name
+            assert np.linalg.norm(motion.rate, axis=1).max() < np.radians(most_dps), name
+            assert np.linalg.norm(motion.velocity, axis=1).max() < most_ms, name
 
 
 def test_seeds_make_the_person():

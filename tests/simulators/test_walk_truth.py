@@ -28,6 +28,7 @@ def walker(*legs, seed=1):
 WALKS = {
     "walking": (Stand(2.0), Walk((Straight(30.0), Turn(-180.0), Straight(40.0)))),
     "running": (Stand(2.0), Walk((Straight(180.0),), (3.2,))),
+    "sprinting": (Stand(2.0), Walk((Straight(60.0),), (3.0, 5.5, 5.5, 3.0), cadence=1.12)),
     "stairs": (Stand(2.0), Walk((*STAIRS, Straight(12.0)), (1.0,))),
 }
 
@@ -37,6 +38,7 @@ WALKS = {
     [
         ("walking", "left-foot"),
         ("running", "right-foot"),
+        ("sprinting", "left-foot"),
         ("stairs", "waist"),
     ],
 )
