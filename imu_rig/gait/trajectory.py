@@ -93,11 +93,17 @@ class TrajectoryCovariance:
         they are known by definition.
     strides : shape (k - 1, 3, 3)
         Covariance of the displacement [m] from each footfall to the next.
+    common : shape (k - 1, p, 3) or None
+        What one standard uncertainty of each of ``p`` errors that last through the recording (bias,
+        gain and alignment of the sensor) adds to each displacement [m]. It is part of ``strides``,
+        ``sum_j common[:, j] common[:, j]'``, and makes strides err alike; what is left is their
+        own.
     """
 
     rows: IntArray
     values: FloatArray
     strides: FloatArray
+    common: FloatArray | None = None
 
     @property
     def heading_sigma(self) -> FloatArray:
