@@ -1,0 +1,89 @@
+"""Attitude by the exponential map, on scalars: small functions that compilers put in line.
+
+Quaternions are tuples ``(w, x, y, z)``, sensor to navigation; matrices are tuples of nine numbers,
+row by row.
+"""
+
+from __future__ import annotations
+
+import math
+
+from imu_rig.kernels.compiled import compiled
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@compiled
+def product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Hamilton product; ``q`` turns first."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+    )
+
+
+@compiled
+def exponential(x: float, y: float, z: float) -> Quaternion:
+    """Quaternion of a rotation vector [rad]."""
+    square = x * x + y * y + z * z
+    if square < 1e-2:  # series to the eighth power of the angle: exact to the last bit
+        cosine = 1.0 + square * (-1 / 8 + square * (1 / 384 + square * (-1 / 46080)))
+        sine = 0.5 + square * (-1 / 48 + square * (1 / 3840 + square * (-1 / 645120)))
+    else:
+        angle = math.sqrt(square)
+        cosine = math.cos(0.5 * angle)
+        sine = math.sin(0.5 * angle) / angle
+    return (cosine, sine * x, sine * y, sine * z)
+
+
+@compiled
+def unit(q: Quaternion) -> Quaternion:
+    """Scale a quaternion to length 1."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (s * q[0], s * q[1], s * q[2], s * q[3])
+
+
+@compiled
+def matrix(q: Quaternion) -> Matrix:
+    """Rotation matrix of a unit quaternion, sensor to navigation."""
+    w, x, y, z = q
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@compiled
+def turned(C: Matrix, x: float, y: float, z: float) -> Vector:
+    """Rotate a vector from sensor to navigation axes."""
+    return (
+        C[0] * x + C[1] * y + C[2] * z,
+        C[3] * x + C[4] * y + C[5] * z,
+        C[6] * x + C[7] * y + C[8] * z,
+    )
+
+
+@compiled
+def integrated_rate(dt: float, w0: Vector, w1: Vector) -> Vector:
+    """Rotation vector [rad] of a step of ``dt`` over which the rate goes linearly from w0 to w1.
+
+    The mean rate, and the coning that a turning axis adds: ``dt^2 / 12 w0 x w1``, the second term
+    of the Magnus series (equally of Bortz's equation, IEEE Trans. AES-7, 1971) for a linear rate.
+    """
+    half, cone = 0.5 * dt, dt * dt / 12.0
+    return (
+        half * (w0[0] + w1[0]) + cone * (w0[1] * w1[2] - w0[2] * w1[1]),
+        half * (w0[1] + w1[1]) + cone * (w0[2] * w1[0] - w0[0] * w1[2]),
+        half * (w0[2] + w1[2]) + cone * (w0[0] * w1[1] - w0[1] * w1[0]),
+    )
