@@ -1,0 +1,93 @@
+"""Our detector of zero velocity: a threshold that follows every stride."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_rig.arrays import FloatArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.gait.options import StanceOptions
+from imu_rig.gait.statistic import motion_statistic
+from imu_rig.gait.zero_velocity import ZeroVelocity
+from imu_rig.kernels.rolling import moving_mean, moving_minimum
+from imu_rig.units import STANDARD_GRAVITY
+
+
+def lookahead_s(options: StanceOptions = StanceOptions()) -> float:  # noqa: B008  (frozen)
+    """Return how much later data [s] the threshold of a sample depends on."""
+    return max(options.quiet_s, options.level_s) + 0.5 * options.window_s
+
+
+def stride_threshold(
+    t: FloatArray,
+    statistic: FloatArray,
+    options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
+) -> FloatArray:
+    """Return below what motion a foot stands, for each sample.
+
+    The geometric middle between the quietest moment of the stride and the level of its motion,
+    within bounds. In a sprint even the quietest moment exceeds them; it counts all the same, as
+    long as it is a good deal quieter than the rest of the stride.
+
+    Parameters
+    ----------
+    t : shape (n,)
+        Times [s], never decreasing.
+    statistic : shape (n,)
+        `motion_statistic` [m/s].
+    options : StanceOptions
+
+    Returns
+    -------
+    shape (n,)
+        [m/s]; of a piece of a recording the same as of the whole, except within `quiet_s` and
+        `level_s` of its ends.
+    """
+    quietest = moving_minimum(t, statistic, options.quiet_s)
+    square = np.square(statistic)[:, np.newaxis]
+    level = np.sqrt(np.maximum(moving_mean(t, square, options.level_s)[:, 0], 0.0))
+    middle = np.clip(np.sqrt(quietest * level), options.lowest, options.highest)
+    sprint = np.minimum(options.sprint_ratio * quietest, options.sprint_share * level)
+    return np.asarray(np.maximum(middle, np.minimum(sprint, options.sprint_highest)))
+
+
+def stance(
+    statistic: FloatArray,
+    threshold: FloatArray,
+    options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
+) -> ZeroVelocity:
+    """Return when a foot stands, and how surely, by its motion and the threshold [m/s], (n,).
+
+    The uncertainty grows with the motion, and more so towards the threshold, so that the edges of
+    a stance count little.
+    """
+    still = statistic < threshold
+    sigma = np.full(len(statistic), np.inf)
+    moved = statistic[still]
+    nearness = np.square(np.square(moved / threshold[still]))
+    sigma[still] = np.hypot(options.trust * moved, options.floor) * np.sqrt(1.0 + nearness)
+    return ZeroVelocity(still, sigma, statistic, threshold)
+
+
+def zero_velocity(
+    block: ImuBlock,
+    options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
+    *,
+    gravity: float = STANDARD_GRAVITY,
+) -> ZeroVelocity:
+    """Find when a foot stands, without a threshold of its own for a person or a speed.
+
+    Parameters
+    ----------
+    block : ImuBlock
+        Of a foot; the gyroscope's bias should have been taken off (`stills.rough_gyro_bias`).
+    options : StanceOptions
+    gravity : float
+        [m/s^2]
+
+    Returns
+    -------
+    ZeroVelocity
+    """
+    statistic = motion_statistic(block.t, block.accel, block.gyro, options, gravity)
+    return stance(statistic, stride_threshold(block.t, statistic, options), options)

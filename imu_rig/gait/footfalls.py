@@ -1,0 +1,106 @@
+"""The footfalls among intervals of zero velocity: one for each stay of a foot on the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.gait.trajectory import Footfalls
+from imu_rig.gait.zero_velocity import ZeroVelocity
+
+NO_SWING_S = 0.1
+"""A foot that leaves the ground is away for longer than this [s], even in a sprint (0.3 s)."""
+
+LEAST_STRIDE_S = 0.35
+"""Of the fastest sprinters (2.6 strides per second) [s]."""
+
+LEAST_SHARE = 0.55
+"""A stride is longer than this part of the median one: people change pace, but not at once."""
+
+LONGEST_STRIDE_S = 3.0
+"""What takes longer than this is standing and does not count for the median [s]."""
+
+
+def find_footfalls(zero_velocity: ZeroVelocity, t: FloatArray) -> Footfalls:
+    """Return the stays of a foot on the ground.
+
+    Intervals with too short a time in between for a swing are one. Of two that are closer than any
+    stride, or than about half a stride of this person, the lighter one (by the information of its
+    samples, ``sum(dt / sigma^2)``) is dropped: in its middle the foot turned smoothly, but did not
+    stand.
+
+    Parameters
+    ----------
+    zero_velocity : ZeroVelocity
+        Of any detector.
+    t : shape (n,)
+        Times [s], never decreasing.
+
+    Returns
+    -------
+    Footfalls
+    """
+    first, last = runs(zero_velocity.still)
+    if len(first) == 0:
+        return Footfalls(first, last, first)
+    apart = t[first[1:]] - t[last[:-1]] > NO_SWING_S
+    first = first[np.concatenate(([True], apart))]
+    last = last[np.concatenate((apart, [True]))]
+    quietest = _quietest(first, last, zero_velocity)
+    weight = _information(first, last, zero_velocity, t)
+    kept = _strides_apart(t[quietest], weight)
+    return Footfalls(first[kept], last[kept], quietest[kept])
+
+
+def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return the first and the last index of each run of True, shapes (k,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return edges[::2].astype(np.int64), edges[1::2].astype(np.int64) - 1
+
+
+def _quietest(first: IntArray, last: IntArray, zero_velocity: ZeroVelocity) -> IntArray:
+    statistic = np.where(zero_velocity.still, zero_velocity.statistic, np.inf)
+    edges = np.column_stack((first, last + 1)).ravel()
+    least = np.minimum.reduceat(np.append(statistic, np.inf), edges)[::2]
+    owner = np.repeat(np.arange(len(first)), last - first + 1)
+    rows = _rows(first, last)
+    at_least = np.flatnonzero(statistic[rows] <= least[owner])
+    _, where = np.unique(owner[at_least], return_index=True)
+    return rows[at_least[where]]
+
+
+def _information(
+    first: IntArray, last: IntArray, zero_velocity: ZeroVelocity, t: FloatArray
+) -> FloatArray:
+    dt = np.diff(t, prepend=t[0])
+    information = np.append(np.minimum(dt, NO_SWING_S) / np.square(zero_velocity.sigma), 0.0)
+    edges = np.column_stack((first, last + 1)).ravel()
+    return np.asarray(np.add.reduceat(information, edges)[::2])
+
+
+def _rows(first: IntArray, last: IntArray) -> IntArray:
+    """Return all indices from each first to its last."""
+    length = last - first + 1
+    begins = np.repeat(first - np.concatenate(([0], np.cumsum(length)[:-1])), length)
+    return np.asarray(begins + np.arange(length.sum()))
+
+
+def _strides_apart(t: FloatArray, weight: FloatArray) -> IntArray:
+    """Return which of the footfalls at times ``t`` remain."""
+    kept = np.arange(len(t))
+    while len(kept) > 1:
+        gaps = np.diff(t[kept])
+        strides = gaps[gaps < LONGEST_STRIDE_S]
+        usual = float(np.median(strides)) if len(strides) else 0.0
+        close = gaps < max(LEAST_STRIDE_S, LEAST_SHARE * usual)
+        if not close.any():
+            break
+        mass = weight[kept]
+        # One is dropped if it is the lightest of those that are too close to it.
+        left = np.concatenate(([False], close))
+        right = np.concatenate((close, [False]))
+        lighter_than_left = ~left | (mass <= np.concatenate(([np.inf], mass[:-1])))
+        lighter_than_right = ~right | (mass < np.concatenate((mass[1:], [np.inf])))
+        dropped = (left | right) & lighter_than_left & lighter_than_right
+        kept = kept[~dropped]
+    return kept

@@ -1,0 +1,130 @@
+"""What the default smoother of a foot assumes of feet and sensors, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from imu_rig.units import DEG, STANDARD_GRAVITY
+
+Level = Literal["auto", "always", "never"]
+
+
+@dataclass(frozen=True)
+class StanceOptions:
+    """When a foot stands.
+
+    Attributes
+    ----------
+    window_s : float
+        Over which motion is averaged [s]. A running foot rests for 60 to 80 ms: a longer window
+        would mix in the strike, a shorter one would take a turning point of the swing for rest.
+    lever : float
+        Height of the sensor above the ground about which a foot rolls [m]: it makes a velocity of
+        an angular rate. On the instep of a shoe 0.06 to 0.12 m.
+    settling_s : float
+        Makes a velocity of an acceleration [s]: that of a foot being lowered or lifted lasts some
+        hundredths of a second; it also weighs accelerometer against gyroscope about equally in the
+        middle of a stance.
+    quiet_s, level_s : float
+        The quietest moment is looked for this far to either side [s], and the level of motion taken
+        over that far. Together at least a stride of a runner (0.65 s), and of a stroller (1.3 s)
+        at least one stance, wherever in the stride one looks from.
+    lowest, highest : float
+        Bounds of the threshold [m/s]. Below 0.03 lies all that a standing foot does by itself;
+        above 0.25 the middle of a swing, where a foot moves smoothly, would be let in.
+    sprint_ratio, sprint_highest, sprint_share : float
+        The quietest moment of each stride counts even above `highest`, up to this multiple of it,
+        as long as it is below so many m/s and below that share of the level around: of a sprinter
+        who is on the ground for 100 ms nothing else would be left.
+    trust : float
+        Standard uncertainty of "the velocity is zero" as a multiple of the motion [1]: against
+        optical positions a foot's speed is about its motion statistic; the half more covers those
+        parts of its motion that are not seen.
+    floor : float
+        The least such uncertainty [m/s]: what a flat foot in a shoe on a carpet creeps.
+    """
+
+    window_s: float = 0.05
+    lever: float = 0.1
+    settling_s: float = 0.0175
+    quiet_s: float = 0.6
+    level_s: float = 1.0
+    lowest: float = 0.03
+    highest: float = 0.25
+    sprint_ratio: float = 1.3
+    sprint_highest: float = 1.0
+    sprint_share: float = 0.5
+    trust: float = 1.5
+    floor: float = 0.005
+
+
+@dataclass(frozen=True)
+class FootOptions:
+    """Settings of `imu_rig.gait.smoother.smooth_foot`; the defaults serve slow gait to sprints.
+
+    Attributes
+    ----------
+    gravity : float
+        Local gravity [m/s^2]. Between equator and pole it differs by 0.5 %; an error of 0.2 % is
+        taken up by the accelerometer's bias.
+    level : "auto", "always" or "never"
+        Whether all footfalls are at one height: where the height changes from stride to stride
+        say so, everywhere, or nowhere. A ramp below 5 % can look level.
+    stance : StanceOptions
+    correlated_s : float
+        Errors of "the velocity is zero" last so long [s], the time in which a foot rolls on; the
+        measurement's weight follows time, not the number of samples.
+    gate : float
+        Innovations beyond so many sigma are given more noise, so that they count as if they were
+        at that bound: 3, as errors of motion have heavier tails than a normal distribution.
+    gate_cap : float
+        The noise grows at most by that factor, so that a filter that is wrong finds back.
+    gyro_noise, gyro_motion : float
+        Noise density [rad/s/sqrt(Hz)], and what is added per angular rate [1/sqrt(Hz)]: in a swing
+        errors of scale, alignment and bandwidth (half a percent over 0.3 s) outweigh the noise.
+    accel_noise, accel_motion : float
+        The same for specific force [m/s^2/sqrt(Hz)], and per acceleration [1/sqrt(Hz)].
+    accel_bias : float
+        Standard uncertainty of the accelerometer's bias [m/s^2]: 3 mg of a sensor that was
+        calibrated some days ago. More could not be told from a tilt.
+    accel_bias_walk : float
+        By which it wanders [m/s^2/sqrt(s)].
+    pivot_m, pivot_sigma_m : float
+        Height of the sensor above the point about which a standing foot rolls, along the vertical
+        [m], and its standard uncertainty along every axis: an instep, between toe and ankle.
+    tilt_sigma : float
+        Standard uncertainty of the first attitude [rad]: of an accelerometer on a foot in the
+        quietest moment of a stance.
+    speed_sigma : float
+        Standard uncertainty of the first velocity along each axis [m/s]; recordings may begin in
+        a swing.
+    flat_m : float
+        Scatter of a sensor's height over one and the same floor between footfalls [m], as a foot
+        never comes down quite the same way.
+    step_m : float
+        A height change above this from footfall to footfall [m] is a real one: stairs begin at
+        0.15 m a step, and the heights of one stride come out within 0.02 m.
+    floor_walk_m : float
+        By which the floor under the next footfall may differ on level ground [m].
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    level: Level = "auto"
+    stance: StanceOptions = StanceOptions()
+    correlated_s: float = 0.05
+    gate: float = 3.0
+    gate_cap: float = 10.0
+    gyro_noise: float = 0.03 * DEG
+    gyro_motion: float = 0.003
+    accel_noise: float = 0.02
+    accel_motion: float = 0.015
+    accel_bias: float = 0.03
+    accel_bias_walk: float = 1e-4
+    pivot_m: float = 0.08
+    pivot_sigma_m: float = 0.03
+    tilt_sigma: float = 2.0 * DEG
+    speed_sigma: float = 2.0
+    flat_m: float = 0.01
+    step_m: float = 0.07
+    floor_walk_m: float = 0.003
