@@ -1,0 +1,210 @@
+"""Stride tables against the steps that a simulated person took."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from true_tracks import true_track, walk_of
+
+from imu_rig.gait.events import find_contacts
+from imu_rig.gait.strides import Strides, gait_parameters, summarize, summary_of
+from imu_rig.gait.trajectory import Footfalls, TrajectoryCovariance
+from imu_rig.units import DEG
+from simulators.walker.path import Arc, Stairs, Straight, Turn
+from simulators.walker.truth import stride_lengths
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return walk_of(Straight(10.0), seed=4)
+
+
+@pytest.fixture(scope="module")
+def track(walker):
+    return true_track(walker)
+
+
+@pytest.fixture(scope="module")
+def strides(track):
+    return gait_parameters(track)
+
+
+def test_lengths_are_those_of_the_footprints(walker, strides):
+    """The sensor sits 8 cm behind the ball and turns with the foot by some degrees."""
+    assert strides.length == pytest.approx(stride_lengths(walker.falls[0]), abs=0.015)
+    assert strides.distance == pytest.approx(10.0, abs=0.03)
+    assert strides.height == pytest.approx(np.zeros(len(strides)), abs=0.003)
+
+
+def test_a_stride_has_the_figures_of_a_gait_laboratory(walker, strides):
+    """At 1.3 m/s: 110 steps a minute, 60 % stance, 25 deg toe up, 65 deg toe down."""
+    one = summarize(strides)
+    falls = walker.falls[0]
+    cycle = np.diff([fall.contact for fall in falls[1:]])
+    assert strides.duration[1:] == pytest.approx(cycle, abs=0.01)
+    assert np.isnan(strides.duration[0])  # began from standing: nothing came before
+    assert one["cadence"].mean == pytest.approx(110, abs=3)
+    assert np.median(strides.velocity[1:]) == pytest.approx(1.3, abs=0.07)
+    assert one["stance_share"].mean == pytest.approx(0.60, abs=0.03)
+    assert one["contact_pitch"].mean == pytest.approx(25 * DEG, abs=3 * DEG)
+    assert one["lowest_pitch"].mean == pytest.approx(-65 * DEG, abs=4 * DEG)
+    assert -60 * DEG < one["toe_off_pitch"].mean < -45 * DEG
+    assert one["clearance"].mean == pytest.approx(0.075, abs=0.02)
+    assert set(strides.kind) == {"walk"}
+    assert one["length"].count == len(strides)
+    assert one["duration"].count == len(strides) - 1
+
+
+@pytest.mark.parametrize(
+    ("pieces", "speed"),
+    [
+        ((Straight(5.0),), 0.5),
+        ((Straight(5.0),), 1.3),
+        ((Straight(7.0),), 1.8),
+        ((Stairs(6),), 1.0),
+        ((Stairs(-6),), 1.0),
+    ],
+)
+def test_contact_and_toe_off_are_found_within_30_ms(pieces, speed):
+    """Slow, usual and brisk walking, and stairs either way, one rule."""
+    walker = walk_of(*pieces, speeds=(speed,))
+    track = true_track(walker, place="right-foot")
+    events = find_contacts(track.trajectory, track.footfalls)
+    falls = walker.falls[1]
+    assert events.toe_off == pytest.approx([fall.toe_off for fall in falls[:-1]], abs=0.03)
+    assert events.contact == pytest.approx([fall.contact for fall in falls[1:]], abs=0.03)
+
+
+def test_equal_time_stamps_are_survived(track):
+    """Some loggers repeat a stamp."""
+    trajectory = track.trajectory
+    t = trajectory.t.copy()
+    t[300:320] = t[299]
+    strides = gait_parameters(replace(track, trajectory=replace(trajectory, t=t)))
+    assert np.all(np.isfinite(strides.contact))
+    assert np.all(np.isfinite(strides.length))
+
+
+def test_runners_fly():
+    """At 3 m/s a foot is on the ground for less than half of the time; it turns past the vertical
+    without folding over."""
+    strides = gait_parameters(true_track(walk_of(Straight(9.0), speeds=(3.0,))))
+    assert set(strides.kind[1:]) == {"run"}
+    assert summarize(strides)["stance_share"].mean < 0.46
+    assert np.all(strides.lowest_pitch < -80 * DEG)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "speed", "kinds"),
+    [
+        ((Stairs(8),), 1.0, ["up"] * 5),
+        ((Stairs(-8),), 1.0, ["down"] * 5),
+        ((Turn(400.0),), 1.0, ["turn"] * 4),
+        ((Straight(6.0, -8.0),), 1.0, ["walk"] * 6),
+    ],
+)
+def test_kinds_of_strides(pieces, speed, kinds):
+    """Stairs are no ramps, and turning on the spot is no walking."""
+    strides = gait_parameters(true_track(walk_of(*pieces, speeds=(speed,))))
+    assert strides.kind.tolist() == kinds
+    assert strides.walking.any() == ("walk" in kinds)
+
+
+def test_a_bend_turns_the_foot_as_the_way_turns():
+    """Half a circle to the left on 1 m: the strides share 180 deg and go where the foot points."""
+    strides = gait_parameters(true_track(walk_of(Arc(1.0, 180.0), speeds=(1.2,))))
+    assert strides.turn.sum() == pytest.approx(np.pi, abs=12 * DEG)
+    assert set(strides.kind) == {"walk"}
+    assert np.all(strides.turn > 0)
+    assert np.all(np.abs(strides.sideways) < 0.08)
+
+
+def moved_by(track, moved, turned=0.0):
+    """A track of two footfalls that are ``moved`` apart."""
+    trajectory = track.trajectory[:100]
+    share = np.linspace(0.0, 1.0, 100)[:, None]
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (100, 1))
+    trajectory = replace(
+        trajectory,
+        position=share * np.array(moved),
+        velocity=np.tile(np.array(moved), (100, 1)),
+        quaternion=level,
+    )
+    ends = np.array([0, 99])
+    return replace(track, trajectory=trajectory, footfalls=Footfalls(ends, ends, ends))
+
+
+@pytest.mark.parametrize(
+    ("moved", "kind", "counts"),
+    [
+        ((0.03, 0.0, 0.0), "shift", False),
+        ((0.15, 0.0, 0.0), "short", True),
+        ((6.5, 0.0, 0.0), "doubtful", True),
+        ((0.3, 0.0, 0.17), "up", True),
+    ],
+)
+def test_what_is_no_walking_stride(track, moved, kind, counts):
+    """A standing foot set down anew walks no distance."""
+    strides = gait_parameters(moved_by(track, moved))
+    assert strides.kind.tolist() == [kind]
+    assert strides.distance == pytest.approx(np.hypot(*moved[:2]) if counts else 0.0)
+
+
+def covariance_of(track, stride_error):
+    """Covariance of a track whose strides (draws, k - 1, 3) err as given."""
+    places = np.cumsum(stride_error, axis=1)
+    count = stride_error.shape[1]
+    values = np.zeros((count + 1, 9, 9))
+    for i in range(count):
+        values[i + 1, 6:, 6:] = np.cov(places[:, i].T)
+    strides = np.array([np.cov(stride_error[:, i].T) for i in range(count)])
+    return TrajectoryCovariance(track.footfalls.quietest, values, strides)
+
+
+@pytest.mark.parametrize("common", [0.0, 0.5, 1.0])
+def test_errors_that_strides_share_add_up_in_the_distance(track, common):
+    """The distance scatters over 4000 walks as its uncertainty says, however much is shared."""
+    rng = np.random.default_rng(5)
+    count = len(track.footfalls) - 1
+    shared, own = rng.normal(size=(4000, 1, 3)), rng.normal(size=(4000, count, 3))
+    error = 0.01 * (np.sqrt(common) * shared + np.sqrt(1.0 - common) * own)
+    strides = gait_parameters(replace(track, covariance=covariance_of(track, error)))
+    assert strides.length_sigma == pytest.approx(np.full(count, 0.01), rel=0.05)
+    ways = np.column_stack((np.cos(strides.heading), np.sin(strides.heading)))
+    truth = np.einsum("nij,ij->n", error[:, :, :2], ways).std()
+    assert strides.distance_sigma == pytest.approx(truth, rel=0.12)
+
+
+def test_without_covariance_no_uncertainty_is_made_up(strides):
+    """NaN says so."""
+    assert np.all(np.isnan(strides.length_sigma))
+    assert np.isnan(strides.distance_sigma)
+    assert np.all(strides.duration_sigma[1:] < 0.02)
+
+
+def test_a_foot_that_never_walks_has_no_strides(track):
+    """No row, no distance, a note."""
+    one = np.array([5])
+    for falls in (Footfalls(one[:0], one[:0], one[:0]), Footfalls(one, one, one)):
+        none = gait_parameters(replace(track, footfalls=falls))
+        assert len(none) == 0
+        assert none.distance == 0.0
+        assert none.notes
+        assert summarize(none)["length"].count == 0
+
+
+def test_columns_say_their_units():
+    """Every column, and nothing else, has a unit and a meaning."""
+    columns = Strides.columns()
+    assert columns["length"].unit == "m"
+    assert columns["turn"].unit == "rad"
+    assert {"axes", "distance", "notes"}.isdisjoint(columns)
+    assert all(column.text for column in columns.values())
+
+
+def test_statistics_of_known_numbers():
+    """By hand, and with gaps."""
+    found = summary_of(np.array([1.0, 3.0, np.nan]))
+    assert (found.mean, found.sd, found.count) == (2.0, pytest.approx(np.sqrt(2.0)), 2)
+    assert found.cv == pytest.approx(np.sqrt(2.0) / 2)
+    assert np.isnan(summary_of(np.array([])).mean)
