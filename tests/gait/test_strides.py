@@ -99,7 +99,7 @@ def test_runners_fly():
     [
         ((Stairs(8),), 1.0, ["up"] * 5),
         ((Stairs(-8),), 1.0, ["down"] * 5),
-        ((Turn(400.0),), 1.0, ["turn"] * 4),
+        ((Turn(400.0),), 1.0, ["turn"] * 5),
         ((Straight(6.0, -8.0),), 1.0, ["walk"] * 6),
     ],
 )
