@@ -179,7 +179,7 @@ def smooth_dense(
         a1 = turned(C1, reading_f[0] - c[0], reading_f[1] - c[1], reading_f[2] - c[2])
         propagate(P, transition(dt, C0, C1, a0, a1))
         ax, ay, az = 0.5 * (a0[0] + a1[0]), 0.5 * (a0[1] + a1[1]), 0.5 * (a0[2] + a1[2]) - noise[6]
-        add_noise(P, dt, w1, (ax, ay, az), sigmas[k, 3], noise)
+        add_noise(P, dt, w1, (ax, ay, az), sigmas[k], noise)
         pz += dt * (vz + 0.5 * dt * az)
         vx += dt * ax
         vy += dt * ay
@@ -249,18 +249,17 @@ def smooth_dense(
 
 @compiled
 def add_noise(
-    P: FloatArray, dt: float, w: Vector, a: Vector, floor_step: float, noise: FloatArray
+    P: FloatArray, dt: float, w: Vector, a: Vector, sigmas: FloatArray, noise: FloatArray
 ) -> None:
     """Add what one step makes uncertain to the diagonal of ``P``."""
     turning = noise[0] ** 2 + noise[1] ** 2 * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
     moving = noise[2] ** 2 + noise[3] ** 2 * (a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
     for i in range(3):
-        P[i, i] += dt * turning
-        P[3 + i, 3 + i] += dt * moving
+        P[i, i] += dt * turning + sigmas[4] ** 2
+        P[3 + i, 3 + i] += dt * moving + sigmas[5] ** 2
         P[7 + i, 7 + i] += dt * noise[4] ** 2
         P[10 + i, 10 + i] += dt * noise[5] ** 2
-    if floor_step > 0.0:
-        P[13, 13] += floor_step**2
+    P[13, 13] += sigmas[3] ** 2
 
 
 @compiled
@@ -353,7 +352,7 @@ def smooth_back(
         a0 = turned(C0, inputs[k - 1, 4] - c[0], inputs[k - 1, 5] - c[1], inputs[k - 1, 6] - c[2])
         a = (0.5 * (a0[0] + a1[0]), 0.5 * (a0[1] + a1[1]), 0.5 * (a0[2] + a1[2]) - noise[6])
         Q = np.zeros((N, N))
-        add_noise(Q, dt, w1, a, sigmas[k, 3], noise)
+        add_noise(Q, dt, w1, a, sigmas[k], noise)
         for j in range(N):
             e[j] += Q[j, j] * adjoint[j]
         F = transition(dt, C0, C1, a0, a1)

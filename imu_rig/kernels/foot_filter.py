@@ -65,8 +65,16 @@ def smooth_foot_states(
     readings = np.column_stack((inputs.dt, inputs.gyro, inputs.accel))
     if start is None:
         readings[0, 0] = 0.0
+    nothing = np.zeros(n)
     sigmas = np.column_stack(
-        (inputs.velocity_sigma, inputs.rest_sigma, inputs.floor_sigma, inputs.floor_step)
+        (
+            inputs.velocity_sigma,
+            inputs.rest_sigma,
+            inputs.floor_sigma,
+            inputs.floor_step,
+            nothing if inputs.unseen_turn is None else inputs.unseen_turn,
+            nothing if inputs.unseen_velocity is None else inputs.unseen_velocity,
+        )
     )
     if start is None:
         sigmas[0, 3] = 0.0  # is in the prior

@@ -90,6 +90,10 @@ class FootInputs(NamedTuple):
         First attitude, scalar first, sensor to navigation.
     v0 : shape (3,)
         First velocity [m/s], navigation axes.
+    unseen_turn, unseen_velocity : shape (n,) or None
+        What gaps and clipped readings add to the uncertainty of the step to this sample: standard
+        deviations of its turn [rad] and of its change of velocity [m/s], on each axis. None or 0
+        where all was seen.
     """
 
     dt: FloatArray
@@ -101,6 +105,8 @@ class FootInputs(NamedTuple):
     floor_step: FloatArray
     q0: FloatArray
     v0: FloatArray
+    unseen_turn: FloatArray | None = None
+    unseen_velocity: FloatArray | None = None
 
 
 class FootState(NamedTuple):

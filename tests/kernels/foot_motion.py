@@ -40,10 +40,12 @@ def readings(seed: int = 1, n: int = 400, rate: float = 100.0, rest: bool = True
     floor_sigma = np.where(swing | (np.arange(n) % 7 != 0), np.nan, 0.005)
     floor_step = np.zeros(n)
     floor_step[1:] = np.where(swing[:-1] & ~swing[1:], 0.01, 0.0)
+    gap = np.zeros(n)
+    gap[n // 2] = 0.05
     q0 = np.array([0.999, 0.02, -0.01, 0.03])
     return FootInputs(
         dt, gyro, accel, velocity_sigma, rest_sigma, floor_sigma, floor_step,
-        q0 / np.linalg.norm(q0), np.array([0.02, -0.01, 0.0]),
+        q0 / np.linalg.norm(q0), np.array([0.02, -0.01, 0.0]), gap, 2.0 * gap,
     )  # fmt: skip
 
 

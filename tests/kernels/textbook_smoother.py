@@ -106,6 +106,9 @@ def smooth(
         Q[3:6] = m.accel_noise**2 + m.accel_motion**2 * (a @ a)
         Q[7:10], Q[10:13] = m.gyro_bias_walk**2, m.accel_bias_walk**2
         Q = np.diag(Q * dt)
+        if inputs.unseen_turn is not None:
+            Q[0:3, 0:3] += np.eye(3) * inputs.unseen_turn[k] ** 2
+            Q[3:6, 3:6] += np.eye(3) * inputs.unseen_velocity[k] ** 2
         Q[13, 13] += inputs.floor_step[k] ** 2
         P = F @ P @ F.T + Q
         priors.append(P)
