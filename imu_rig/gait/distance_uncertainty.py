@@ -23,8 +23,8 @@ def distance_sigma(
 ) -> float:
     """Return the standard uncertainty [m] of the sum of the lengths of some strides.
 
-    The covariance tells the variance of every displacement and that of every footfall's place.
-    With ``p`` the place before a stride and ``d`` its displacement,
+    Where the covariance tells which errors strides share, those add up and the others add in
+    squares. Otherwise it tells the variance of every displacement and that of every place. With ``p`` the place before a stride and ``d`` its displacement,
     ``var(p + d) = var(p) + var(d) + 2 cov(p, d)`` gives how a stride's error goes with that of the
     way before it. Where both lie on one line, this is the correlation of lengths; its median over
     such strides is taken for all.
@@ -46,6 +46,10 @@ def distance_sigma(
     length = np.linalg.norm(moved, axis=1)
     along = moved / np.maximum(length, 1e-9)[:, None]
     own = _along(along, covariance.strides[:, :2, :2])
+    if covariance.common is not None:
+        alike = np.einsum("ij,ipj->ip", along, covariance.common[:, :, :2])
+        left = np.maximum(own - np.sum(alike**2, axis=1), 0.0)[counted]
+        return float(np.sqrt(left.sum() + np.sum(alike[counted].sum(axis=0) ** 2)))
     shared = _correlation(covariance, rows, places[:, :2], along, own)
     total = 0.0
     for variance in own[counted]:

@@ -161,14 +161,19 @@ def covariance_of(track, stride_error):
     return TrajectoryCovariance(track.footfalls.quietest, values, strides)
 
 
+@pytest.mark.parametrize("told", [False, True])
 @pytest.mark.parametrize("common", [0.0, 0.5, 1.0])
-def test_errors_that_strides_share_add_up_in_the_distance(track, common):
+def test_errors_that_strides_share_add_up_in_the_distance(track, common, told):
     """The distance scatters over 4000 walks as its uncertainty says, however much is shared."""
     rng = np.random.default_rng(5)
     count = len(track.footfalls) - 1
     shared, own = rng.normal(size=(4000, 1, 3)), rng.normal(size=(4000, count, 3))
     error = 0.01 * (np.sqrt(common) * shared + np.sqrt(1.0 - common) * own)
-    strides = gait_parameters(replace(track, covariance=covariance_of(track, error)))
+    covariance = covariance_of(track, error)
+    if told:
+        alike = np.tile(0.01 * np.sqrt(common) * np.eye(3), (count, 1, 1))
+        covariance = replace(covariance, common=alike)
+    strides = gait_parameters(replace(track, covariance=covariance))
     assert strides.length_sigma == pytest.approx(np.full(count, 0.01), rel=0.05)
     ways = np.column_stack((np.cos(strides.heading), np.sin(strides.heading)))
     truth = np.einsum("nij,ij->n", error[:, :, :2], ways).std()
