@@ -24,7 +24,8 @@ def distance_sigma(
     """Return the standard uncertainty [m] of the sum of the lengths of some strides.
 
     Where the covariance tells which errors strides share, those add up and the others add in
-    squares. Otherwise it tells the variance of every displacement and that of every place. With ``p`` the place before a stride and ``d`` its displacement,
+    squares. Otherwise it tells the variance of every displacement and that of every place. With
+    ``p`` the place before a stride and ``d`` its displacement,
     ``var(p + d) = var(p) + var(d) + 2 cov(p, d)`` gives how a stride's error goes with that of the
     way before it. Where both lie on one line, this is the correlation of lengths; its median over
     such strides is taken for all.
