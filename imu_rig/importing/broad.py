@@ -9,13 +9,14 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import Samples
 from imu_rig.errors import InputError
-from imu_rig.importing.foreign import ForeignRecording, Reference
+from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.importing.matlab_file import (
     MatlabFile,
     read_matrices,
     read_number,
     require_finite,
 )
+from imu_rig.reference.reference import Reference
 
 NAME = "broad"
 _NEEDED = {"imu_acc": 3, "imu_gyr": 3}

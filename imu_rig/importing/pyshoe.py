@@ -9,13 +9,14 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import Samples
 from imu_rig.errors import InputError
-from imu_rig.importing.foreign import ForeignRecording, Reference
+from imu_rig.importing.foreign import ForeignRecording
 from imu_rig.importing.matlab_file import (
     MatlabFile,
     read_matrices,
     require_finite,
     require_increasing,
 )
+from imu_rig.reference.reference import Reference
 
 NAME = "pyshoe"
 ACCEL_COLUMNS, GYRO_COLUMNS = slice(0, 3), slice(3, 6)
