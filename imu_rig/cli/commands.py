@@ -11,6 +11,7 @@ import typer
 
 from imu_rig import __version__
 from imu_rig.cli import (
+    analyze,
     calibrate,
     certificate,
     demo,
@@ -51,6 +52,7 @@ app.command("repair")(repair.repair)
 app.command("export")(export.export)
 app.command("import")(import_.import_)
 app.command("doctor")(doctor.doctor)
+app.add_typer(analyze.app, name="analyze")
 app.add_typer(certificate.app, name="certificate")
 app.add_typer(devices.app, name="devices")
 app.add_typer(protocol.app, name="protocol")

@@ -162,7 +162,7 @@ def _given_certificate(
             f"({_listed(imus) or 'none'}): name one with --sensor."
         )
     (name,) = imus
-    _require_same_device(certificate, recorded_device(trial, name), any_device=any_device)
+    require_same_device(certificate, recorded_device(trial, name), any_device=any_device)
     _tell_raw(certificate, trial, name, str(path))
     return {name: certificate}
 
@@ -175,7 +175,7 @@ def _tell_raw(certificate: Certificate, trial: Trial, name: str, source: str) ->
             sys.stderr.write(f"{source} has no {words}: its columns are raw.\n")
 
 
-def _require_same_device(certificate: Certificate, device: DeviceInfo, *, any_device: bool) -> None:
+def require_same_device(certificate: Certificate, device: DeviceInfo, *, any_device: bool) -> None:
     """Refuse a certificate that is of another sensor, unless that was asked for."""
     from imu_rig.calibration.recheck import other_device
 

@@ -1,0 +1,17 @@
+"""`imu-rig analyze`: walks of people from sensors on their feet."""
+
+from __future__ import annotations
+
+import typer
+
+from imu_rig.cli.analyze_foot import foot
+
+app = typer.Typer(
+    help="Analyse walks: trajectories of feet, strides and distances.", no_args_is_help=True
+)
+app.command("foot")(foot)
+
+
+@app.callback()
+def analyze() -> None:
+    """Analyse walks: trajectories of feet, strides and distances."""

@@ -1,0 +1,233 @@
+"""`imu-rig analyze foot`: where a sensor on a foot went, how far, and how sure that is."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from imu_rig.cli.analyze_methods import Way, find_track
+from imu_rig.cli.analyze_options import Detector, Level, NoFiles
+from imu_rig.cli.analyze_source import (
+    AnyDevice,
+    Calibrating,
+    Certificates,
+    Raw,
+    Sensors,
+    WalkRecording,
+    read_walk,
+)
+from imu_rig.cli.options import (
+    AccelColumns,
+    AccelUnit,
+    Columns,
+    Gravity_,
+    GyroColumns,
+    GyroUnit,
+    Height,
+    Json,
+    Latitude,
+    MagColumns,
+    MagUnit,
+    MapFile,
+    Rate,
+    TimeColumn,
+    TimeUnit,
+    gravity_from,
+    named,
+)
+from imu_rig.cli.recordings import TableOptions
+from imu_rig.cli.working import Working
+from imu_rig.errors import DataError, InputError
+
+if TYPE_CHECKING:
+    from imu_rig.calibration.gravity import Gravity
+    from imu_rig.report.foot_facts import FootAnalysis, FootReport
+
+REPORT_NAME = "report.html"
+STRIDES_NAME = "strides.csv"
+SUMMARY_NAME = "summary.json"
+TRAJECTORY_NAME = "trajectory.csv"
+
+
+def foot(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Trial files, or recordings of other programs."),
+    ],
+    sensor: Sensors = None,
+    certificate: Certificates = None,
+    raw: Raw = False,
+    any_device: AnyDevice = False,
+    gravity: Gravity_ = None,
+    latitude: Latitude = None,
+    height: Height = None,
+    level: Level = "auto",
+    detector: Detector = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method", help="default, or paper: a forward and a backward filter, step by step."
+        ),
+    ] = "default",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            parser=named,
+            metavar="PATH",
+            help="New folder for report and tables; by default one named by recording and time.",
+        ),
+    ] = None,
+    no_files: NoFiles = False,
+    map_file: MapFile = None,
+    columns: Columns = None,
+    rate: Rate = None,
+    accel: AccelColumns = None,
+    gyro: GyroColumns = None,
+    mag: MagColumns = None,
+    time: TimeColumn = None,
+    accel_unit: AccelUnit = None,
+    gyro_unit: GyroUnit = None,
+    mag_unit: MagUnit = None,
+    time_unit: TimeUnit = None,
+    as_json: Json = False,
+) -> None:
+    """Find where a foot went: trajectory, strides, and how far they can be trusted."""
+    from imu_rig.cli.analyze_files import json_text
+    from imu_rig.cli.analyze_show import foot_summary, show_foot
+
+    table = TableOptions(
+        map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
+    )
+    local = gravity_from(gravity, latitude, height)
+    calibrating = Calibrating(tuple(certificate or ()), raw, any_device)
+    way = Way(method, detector, level, local.value)
+    calibrating.check()
+    way.check()
+    if no_files and output is not None:
+        raise InputError("Give either --output or --no-files, not both.")
+    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local)
+    answers: list[dict[str, Any]] = []
+    for file in files:
+        with Working(f"Reading {file.name}") as working:
+            report, extra = _analyse(file, wanted, working)
+            written: dict[str, Any] = {}
+            if not no_files:
+                working.now(f"Drawing {file.name}")
+                folder = _folder(output, file, several=len(files) > 1, report=report)
+                written = _write(folder, report, extra)
+        answer = foot_summary(report, written)
+        answers.append(answer)
+        if not as_json:
+            show_foot(report, written)
+    if as_json:
+        sys.stdout.write(json_text(answers[0] if len(answers) == 1 else answers) + "\n")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What the options ask for."""
+
+    table: TableOptions
+    sensors: tuple[str, ...]
+    calibrating: Calibrating
+    way: Way
+    gravity: Gravity
+
+
+def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport, list[Any]]:
+    """Analyse the feet of one recording; the sections that the method adds come second."""
+    from imu_rig.report.foot_facts import FootReport
+
+    recordings = read_walk(file, wanted.table, wanted.sensors, wanted.calibrating)
+    feet: list[FootAnalysis] = []
+    extra: list[Any] = []
+    for recording in recordings:
+        working.now(f"Following {recording.sensor}")
+        try:
+            foot, more = analyse_foot(recording, wanted.way)
+        except DataError as error:
+            raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
+        feet.append(foot)
+        extra += more
+    facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
+    facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
+    facts.append(("Gravity", gravity_words(wanted.gravity)))
+    report = FootReport(file.name, recordings[0].sha256, tuple(feet), False, tuple(facts))
+    return report, extra
+
+
+def analyse_foot(recording: WalkRecording, way: Way) -> tuple[FootAnalysis, list[Any]]:
+    """Find the track and the strides of one foot, and what a report of its method adds.
+
+    Raises
+    ------
+    DataError
+        If the recording cannot be one of a foot that walks.
+    """
+    from imu_rig.gait.strides import gait_parameters
+    from imu_rig.report.foot_facts import FootAnalysis
+
+    found = find_track(recording.block, way, recording.certificate)
+    strides = gait_parameters(found.track)
+    notes = dict.fromkeys((*found.track.notes, *strides.notes))
+    analysis = FootAnalysis(recording.sensor, found.block, found.track, strides, notes=tuple(notes))
+    return analysis, []
+
+
+def gravity_words(gravity: Gravity) -> str:
+    """Say which gravity was taken, for people."""
+    source = gravity.source if gravity.known else "standard gravity, as none was given"
+    return f"{gravity.value:.5f} m/s², {source}"
+
+
+def _named(recording: WalkRecording, error: DataError, *, several: bool) -> str:
+    who = f"{recording.file}" + (f", {recording.sensor}" if several else "")
+    text = str(error).rstrip(".")
+    return f"{who}: {text}."
+
+
+def _folder(output: Path | None, file: Path, *, several: bool, report: FootReport) -> Path:
+    from imu_rig.cli.analyze_files import analysis_folder, safe_name
+
+    names = (REPORT_NAME, STRIDES_NAME, SUMMARY_NAME, *_trajectory_names(report))
+    where = output / safe_name(file.stem) if several and output is not None else output
+    return analysis_folder(where, "foot", file, names)
+
+
+def _trajectory_names(report: FootReport) -> list[str]:
+    from imu_rig.cli.analyze_files import safe_name
+
+    if len(report.feet) == 1:
+        return [TRAJECTORY_NAME]
+    return [f"trajectory-{safe_name(foot.name)}.csv" for foot in report.feet]
+
+
+def _write(folder: Path, report: FootReport, extra: list[Any]) -> dict[str, Any]:
+    """Write all files of one recording; return their paths by what they are."""
+    from imu_rig.cli.analyze_files import write_json, write_rows, write_trajectory
+    from imu_rig.cli.analyze_show import foot_summary
+    from imu_rig.report.foot import foot_report
+    from imu_rig.report.page import write_report
+    from imu_rig.report.stride_table import stride_head, stride_rows
+
+    write_report(folder / REPORT_NAME, foot_report(report, *extra))
+    rows = [row for foot in report.feet for row in stride_rows(foot.name, foot.strides)]
+    write_rows(folder / STRIDES_NAME, stride_head(report.feet[0].strides), rows, "strides")
+    trajectories = []
+    for foot, name in zip(report.feet, _trajectory_names(report), strict=True):
+        write_trajectory(folder / name, foot.track)
+        trajectories.append(str(folder / name))
+    files = {
+        "report": str(folder / REPORT_NAME),
+        "strides": str(folder / STRIDES_NAME),
+        "trajectory": trajectories[0] if len(trajectories) == 1 else trajectories,
+        "summary": str(folder / SUMMARY_NAME),
+    }
+    write_json(folder / SUMMARY_NAME, foot_summary(report, files))
+    return files

@@ -1,0 +1,171 @@
+"""The methods that find a foot's trajectory, behind one function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+from imu_rig.errors import InputError
+
+if TYPE_CHECKING:
+    from imu_rig.blocks import ImuBlock
+    from imu_rig.calibration.certificate import Certificate
+    from imu_rig.gait.options import FootOptions
+    from imu_rig.gait.trajectory import FootTrack
+    from imu_rig.gait.two_filter import StepSmoothing
+
+METHODS = ("default", "paper")
+LEVELS = ("auto", "always", "never")
+ADAPTIVE = "adaptive"
+PAPERS_DETECTOR = "paper"
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a trajectory is found.
+
+    Attributes
+    ----------
+    method : str
+        ``"default"``: our smoother. ``"paper"``: a forward and a backward filter, step by step.
+    detector : str or None
+        Of zero velocity, by name; None: the method's own.
+    level : str
+        See `imu_rig.gait.options.FootOptions`.
+    gravity : float
+        [m/s^2]
+    """
+
+    method: str = "default"
+    detector: str | None = None
+    level: str = "auto"
+    gravity: float = 9.80665
+
+    def check(self) -> None:
+        """Refuse names that are none, before anything is read.
+
+        Raises
+        ------
+        InputError
+        """
+        from imu_rig.gait.detectors import DETECTORS
+
+        if self.method not in METHODS:
+            raise InputError(f"--method is one of {', '.join(METHODS)}, not {self.method!r}.")
+        if self.level not in LEVELS:
+            raise InputError(f"--level is one of {', '.join(LEVELS)}, not {self.level!r}.")
+        if self.detector is not None and self.detector not in (ADAPTIVE, *DETECTORS):
+            names = ", ".join((ADAPTIVE, *DETECTORS))
+            raise InputError(f"--detector is one of {names}, not {self.detector!r}.")
+
+    @property
+    def options(self) -> FootOptions:
+        """The options of our smoother."""
+        from imu_rig.gait.options import FootOptions
+
+        level: Literal["auto", "always", "never"] = "auto"
+        if self.level == "always":
+            level = "always"
+        elif self.level == "never":
+            level = "never"
+        return FootOptions(gravity=self.gravity, level=level)
+
+    @property
+    def words(self) -> str:
+        """The method and its detector, for people."""
+        if self.method == "paper":
+            detector = self.detector or PAPERS_DETECTOR
+            return f"forward and backward filter, step by step; detector {detector}"
+        return f"smoother over the whole recording; detector {self.detector or ADAPTIVE}"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A track, the samples that it is of, and what the paper's two filters say where asked."""
+
+    track: FootTrack
+    block: ImuBlock
+    steps: StepSmoothing | None = None
+
+
+def find_track(block: ImuBlock, way: Way, certificate: Certificate | None = None) -> Found:
+    """Find the track of a foot.
+
+    Raises
+    ------
+    DataError
+        If the recording cannot be one of a foot that walks.
+    """
+    from imu_rig.calibration.foot_grade import grade_of
+    from imu_rig.gait.smoother import smooth_foot
+
+    if way.method == "paper":
+        return _by_two_filters(block, way)
+    own = way.detector in (None, ADAPTIVE)
+    track = smooth_foot(
+        block,
+        way.options,
+        grade=grade_of(certificate),
+        covariance=True,
+        detector=None if own else way.detector,
+    )
+    return Found(track, block)
+
+
+def without_bias(block: ImuBlock) -> tuple[ImuBlock, tuple[float, float, float]]:
+    """Take off the gyroscope's bias that the stills of a recording show [rad/s]."""
+    from imu_rig.gait.stills import find_stills, rough_gyro_bias
+
+    bias = rough_gyro_bias(find_stills(block.t, block.accel, block.gyro))
+    x, y, z = bias.tolist()
+    return replace(block, gyro=block.gyro - bias), (x, y, z)
+
+
+def _by_two_filters(block: ImuBlock, way: Way) -> Found:
+    import numpy as np
+
+    from imu_rig.gait.adaptive import detect_stance
+    from imu_rig.gait.detectors import detector_named
+    from imu_rig.gait.footfalls import find_footfalls
+    from imu_rig.gait.mounting import find_foot_axes, first_heading
+    from imu_rig.gait.trajectory import FootTrack
+    from imu_rig.gait.two_filter import TwoFilterOptions, smooth_steps
+    from imu_rig.gait.zero_velocity import ZeroVelocity
+
+    block, bias = without_bias(block)
+    name = way.detector or PAPERS_DETECTOR
+    zero = (
+        detect_stance(block.t, block.accel, block.gyro, way.options.stance, way.gravity)
+        if name == ADAPTIVE
+        else detector_named(name).detect(block)
+    )
+    options = TwoFilterOptions(
+        gravity=way.gravity, height_sigma=None if way.level == "never" else 0.01
+    )
+    steps = smooth_steps(block, zero, options)
+    rows = slice(int(steps.boundaries[0]), int(steps.boundaries[-1]) + 1)
+    inside = ZeroVelocity(
+        zero.still[rows], zero.sigma[rows], zero.statistic[rows], zero.threshold[rows]
+    )
+    trajectory = steps.smoothed.trajectory
+    falls = find_footfalls(inside, trajectory.t)
+    turned = trajectory.turned(-first_heading(trajectory, falls, find_foot_axes(trajectory, falls)))
+    notes = [
+        "The published two-filter method was used: it estimates no sensor errors, and its "
+        "covariance knows of white noise only, so no uncertainty is given."
+    ]
+    if rows.start > 0 or rows.stop < len(block):
+        notes.append(
+            f"It begins and ends with a standing foot: {rows.start} samples before and "
+            f"{len(block) - rows.stop} after are left out."
+        )
+    track = FootTrack(
+        turned.moved(-turned.position[0]),
+        inside,
+        falls,
+        gyro_bias=np.array(bias),
+        accel_bias=np.zeros(3),
+        pivot=np.zeros(3),
+        notes=tuple(notes),
+    )
+    return Found(track, block[rows], steps)

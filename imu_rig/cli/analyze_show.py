@@ -1,0 +1,121 @@
+"""An analysis of walks on a terminal, and the same as plain values."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from imu_rig.report.foot_facts import FootAnalysis, FootReport
+
+LABELS = 15
+"""Columns of the labels of a card."""
+
+
+def foot_summary(report: FootReport, files: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of a recording as plain values, SI units but for degrees."""
+    return {
+        "recording": report.recording,
+        "sha256": report.sha256,
+        "facts": dict(report.facts),
+        "feet": {foot.name: _foot_values(foot) for foot in report.feet},
+        "files": files,
+    }
+
+
+def _foot_values(foot: FootAnalysis) -> dict[str, Any]:
+    from imu_rig.report.stride_table import SUFFIXES, SUMMARIZED, shown_summary
+    from imu_rig.units import DEG
+
+    strides, track = foot.strides, foot.track
+    kinds: dict[str, int] = {}
+    for kind in strides.kind.tolist():
+        kinds[kind] = kinds.get(kind, 0) + 1
+    gait = {}
+    for name, _ in SUMMARIZED:
+        unit, found = shown_summary(strides, name)
+        if found.count:
+            gait[name + SUFFIXES[unit]] = {"mean": found.mean, "sd": found.sd, "n": found.count}
+    end = track.trajectory.position[-1]
+    values: dict[str, Any] = {
+        "distance_m": strides.distance,
+        "distance_sigma_m": strides.distance_sigma,
+        "strides": len(strides),
+        "kinds": kinds,
+        "gait": gait,
+        "end_m": end.tolist(),
+        "heading_sigma_deg": foot.heading_sigma / DEG,
+        "rate_hz": foot.rate_hz,
+        "duration_s": foot.duration_s,
+        "gyro_bias_deg_s": (track.gyro_bias / DEG).tolist(),
+        "accel_bias_ms2": track.accel_bias.tolist(),
+        "pivot_m": track.pivot.tolist(),
+        "notes": list(foot.notes),
+    }
+    if track.covariance is not None:
+        values["end_sigma_m"] = track.covariance.position_sigma[-1].tolist()
+    for name, measured in (("reference", foot.reference), ("footprints", foot.footprints)):
+        if measured is not None:
+            values[name] = measured.figures or dict(measured.rows)
+    return values
+
+
+def show_foot(report: FootReport, files: dict[str, Any]) -> None:
+    """Print the card of a recording."""
+    from imu_rig.cli.sheet import Sheet
+
+    sheet = Sheet(LABELS)
+    for foot in report.feet:
+        _show_one(sheet, report, foot)
+    facts = dict(report.facts)
+    for label in ("Method", *(f"Calibration of {foot.name}" for foot in report.feet)):
+        if label in facts:
+            sheet.entry(f"  {label.split()[0].lower()}", facts[label])
+    if files:
+        sheet.command(files["report"], "  report")
+        folder = files["report"].rpartition("/")[0] or "."
+        sheet.entry("  tables", f"strides.csv, trajectory.csv, summary.json in {folder}")
+    sheet.blank()
+
+
+def _show_one(sheet: Any, report: FootReport, foot: FootAnalysis) -> None:
+    from imu_rig.report.foot import told_with_sigma
+    from imu_rig.report.numbers import counted, duration, fixed
+    from imu_rig.report.stride_table import shown_summary
+    from imu_rig.units import DEG
+
+    strides = foot.strides
+    walking = int(strides.walking.sum())
+    sheet.head(f"{foot.name}", f" of {report.recording}, {duration(foot.duration_s)}")
+    unsure = "" if math.isfinite(strides.distance_sigma) else " (uncertainty unknown)"
+    walked = told_with_sigma(strides.distance, strides.distance_sigma)
+    sheet.entry("  distance", f"{walked} m{unsure}", "bold")
+    others = f", {len(strides) - walking} of other kinds" if len(strides) > walking else ""
+    sheet.entry("  strides", f"{counted(walking, 'stride')} of walking or running{others}")
+    length, time, cadence, speed, stance = (
+        shown_summary(strides, name)[1]
+        for name in ("length", "duration", "cadence", "velocity", "stance_share")
+    )
+    if length.count:
+        sheet.entry(
+            "  mean", f"stride {fixed(length.mean, 3)} m, from stride to stride ± "
+            f"{fixed(length.sd, 3)} m",
+        )  # fmt: skip
+    if time.count:
+        sheet.entry(
+            "  cadence",
+            f"{fixed(cadence.mean, 1)} steps/min, {fixed(speed.mean, 2)} m/s, "
+            f"{fixed(100.0 * stance.mean, 0)} % of a stride on the ground",
+        )
+    x, y, z = foot.track.trajectory.position[-1]
+    place = f"{fixed(x, 2)} m ahead, {fixed(y, 2)} m to the left, {fixed(z, 2)} m up of its start"
+    sheet.entry("  end", place)
+    sigma = foot.heading_sigma / DEG
+    if math.isfinite(sigma):
+        sheet.entry("  heading", f"± {fixed(sigma, 1)} deg at the end against the start")
+    for label, measured in (("reference", foot.reference), ("footprints", foot.footprints)):
+        if measured is not None:
+            told = "; ".join(f"{name.lower()} {value}" for name, value in measured.rows)
+            sheet.entry(f"  {label}", told)
+    for note in foot.notes:
+        sheet.entry("  note", note, "yellow")
