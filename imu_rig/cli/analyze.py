@@ -5,11 +5,13 @@ from __future__ import annotations
 import typer
 
 from imu_rig.cli.analyze_foot import foot
+from imu_rig.cli.analyze_gait import gait
 
 app = typer.Typer(
     help="Analyse walks: trajectories of feet, strides and distances.", no_args_is_help=True
 )
 app.command("foot")(foot)
+app.command("gait")(gait)
 
 
 @app.callback()
