@@ -1,0 +1,189 @@
+"""Motion that a sensor did not see: gaps between samples, and readings at the end of its range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.blocks import ImuBlock
+from imu_rig.gait.footfalls import runs
+from imu_rig.units import DEG, STANDARD_GRAVITY
+
+GAP_S, GAP_RATIO = 0.03, 1.8
+"""A gap is an interval longer than both this [s] and this many usual ones: motion of a foot goes up
+to about 15 Hz, and is seen by samples 30 ms apart."""
+
+STEP_S = 0.35
+"""In a gap as long as this between two moments of rest, a whole swing may be hidden [s]."""
+
+REST_RATE, REST_FORCE = 1.0, 2.0
+"""Beside a gap, a foot rests that turns and is accelerated by less than this [rad/s, m/s^2]."""
+
+BESIDE_S = 0.03
+
+TOP, BELOW = 0.01, 0.06
+"""Peaks end anywhere; those that are cut off end together. The axis is taken to be cut off when the
+uppermost hundredth of its range holds..."""
+PILED, LEAST_PILED = 3.0, 10
+"""... so many times what each of the next five hundredths holds, and so many samples more."""
+
+CLIP_ABOVE_GYRO, CLIP_ABOVE_ACCEL = 240.0 * DEG, 1.95 * STANDARD_GRAVITY
+"""The smallest ranges are 250 deg/s and 2 g, less an error of scale [rad/s, m/s^2]. Below, readings
+pile up at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """Intervals without samples.
+
+    Attributes
+    ----------
+    row : shape (k,)
+        First sample after each.
+    length : shape (k,)
+        [s]
+    resting : shape (k,)
+        Whether the foot rests at both ends of it.
+    """
+
+    row: IntArray
+    length: FloatArray
+    resting: BoolArray
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.row)
+
+
+@dataclass(frozen=True, eq=False)
+class Clipping:
+    """Readings at the end of a range.
+
+    Attributes
+    ----------
+    cut : shape (n, 3)
+        Which readings are.
+    limit : shape (3,)
+        The range of each axis; infinite where none was reached.
+    """
+
+    cut: BoolArray
+    limit: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """What may have happened unseen from each sample to the next, standard deviations.
+
+    Attributes
+    ----------
+    turn : shape (n,)
+        About each axis since the sample before [rad].
+    velocity : shape (n,)
+        Along each axis [m/s].
+    """
+
+    turn: FloatArray
+    velocity: FloatArray
+
+
+def find_gaps(block: ImuBlock) -> Gaps:
+    """Return where samples are missing; a sample that repeats the one before counts as missing."""
+    t, values = block.t, np.hstack((block.accel, block.gyro))
+    fresh = np.ones(len(t), dtype=bool)
+    fresh[1:] = np.any(values[1:] != values[:-1], axis=1)
+    rows = np.flatnonzero(fresh)
+    dt = np.diff(t[rows])
+    positive = dt[dt > 0.0]
+    usual = float(np.median(positive)) if len(positive) else 0.0
+    after = np.flatnonzero(dt > max(GAP_S, GAP_RATIO * usual)) + 1
+    row = rows[after].astype(np.int64)
+    resting = np.array(
+        [_rests(block, rows[k - 1], -1) and _rests(block, rows[k], 1) for k in after], dtype=bool
+    )
+    return Gaps(row, dt[after - 1], resting)
+
+
+def find_clipping(values: FloatArray, least: float) -> Clipping:
+    """Return which readings, shape (n, 3), are at the end of the range of their axis.
+
+    Parameters
+    ----------
+    values : shape (n, 3)
+    least : float
+        Ranges below this are none.
+    """
+    size = np.abs(values)
+    limit = np.full(3, np.inf)
+    for axis in range(3):
+        most = float(size[:, axis].max())
+        if most < least:
+            continue
+        top = int(np.count_nonzero(size[:, axis] >= (1 - TOP) * most))
+        below = int(np.count_nonzero(size[:, axis] >= (1 - BELOW) * most)) - top
+        if top > PILED * below * TOP / (BELOW - TOP) + LEAST_PILED:
+            limit[axis] = most
+    return Clipping(size >= (1 - TOP) * limit, limit)
+
+
+def unseen_motion(block: ImuBlock) -> Unseen:
+    """Return by how much attitude and velocity may have changed unseen, sample by sample.
+
+    Over a gap of length T, readings are taken to go straight from one end to the other. What they
+    really did is taken for a random walk tied at both ends, whose integral has the standard
+    deviation ``D(T) T / sqrt(12)`` with D(T) the root mean square of the difference of readings T
+    apart, as measured around the gap. Where a range ended, a parabola with the slopes at
+    its edges rises above it: its area, ``slope d^2 / 6``, is what is missing.
+    """
+    turn, velocity = np.zeros(len(block)), np.zeros(len(block))
+    gaps = find_gaps(block)
+    for row, length, resting in zip(gaps.row, gaps.length, gaps.resting, strict=True):
+        if not resting:
+            scale = length / np.sqrt(12.0)
+            turn[row] += scale * _difference(block.t, block.gyro, row, length)
+            velocity[row] += scale * _difference(block.t, block.accel, row, length)
+    turn += _cut_off(block.t, block.gyro, find_clipping(block.gyro, CLIP_ABOVE_GYRO))
+    velocity += _cut_off(block.t, block.accel, find_clipping(block.accel, CLIP_ABOVE_ACCEL))
+    return Unseen(turn, velocity)
+
+
+def _rests(block: ImuBlock, row: int, way: int) -> bool:
+    end = block.t[row] + way * BESIDE_S
+    low, high = sorted((block.t[row], end))
+    first, last = np.searchsorted(block.t, [low - 1e-9, high + 1e-9])
+    some = slice(first, max(last, first + 1))
+    rate = np.linalg.norm(block.gyro[some], axis=1)
+    force = np.abs(np.linalg.norm(block.accel[some], axis=1) - STANDARD_GRAVITY)
+    return bool(rate.max() < REST_RATE and force.max() < REST_FORCE)
+
+
+def _difference(t: FloatArray, values: FloatArray, row: int, length: float) -> float:
+    """Return how far readings so long apart differ, per axis, in the second around a row."""
+    begin, end = np.searchsorted(t, [t[row] - length - 0.5, t[row] + 0.5])
+    times = t[begin:end]
+    later = np.searchsorted(times, times + length)
+    fit = later < len(times)
+    if not fit.any():
+        return float(np.sqrt(np.mean((values[row] - values[row - 1]) ** 2)))
+    change = values[begin:end][later[fit]] - values[begin:end][fit]
+    return float(np.sqrt(np.mean(change**2)))
+
+
+def _cut_off(t: FloatArray, values: FloatArray, clipping: Clipping) -> FloatArray:
+    """Return what is missing of the integral of readings, per sample, shape (n,)."""
+    variance = np.zeros(len(t))
+    for axis in range(3):
+        for first, last in zip(*runs(clipping.cut[:, axis]), strict=True):
+            before, after = max(first - 1, 0), min(last + 1, len(t) - 1)
+            slopes = [
+                abs(values[a, axis] - values[b, axis]) / max(t[a] - t[b], 1e-4)
+                for a, b in ((first, before), (after, last))
+                if a != b
+            ]
+            lasted = t[after] - t[before]
+            missing = max(slopes, default=0.0) * lasted**2 / 6.0
+            rows = last - first + 1
+            variance[first : last + 1] += missing**2 / rows
+    return np.sqrt(variance)
