@@ -11,6 +11,17 @@ import typer
 
 from imu_rig.cli.analyze_methods import Way, find_track
 from imu_rig.cli.analyze_options import Detector, Level, NoFiles
+from imu_rig.cli.analyze_reference import (
+    ClockSearch,
+    FitLever,
+    FootprintsFile,
+    Marker,
+    Mirrored,
+    ReferenceFile,
+    ReferenceOptions,
+    beside_footprints,
+    beside_reference,
+)
 from imu_rig.cli.analyze_source import (
     AnyDevice,
     Calibrating,
@@ -73,6 +84,12 @@ def foot(
             "--method", help="default, or paper: a forward and a backward filter, step by step."
         ),
     ] = "default",
+    reference: ReferenceFile = None,
+    marker: Marker = None,
+    search_offset: ClockSearch = 0.0,
+    mirrored: Mirrored = False,
+    fit_lever: FitLever = False,
+    footprints: FootprintsFile = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -99,7 +116,7 @@ def foot(
 ) -> None:
     """Find where a foot went: trajectory, strides, and how far they can be trusted."""
     from imu_rig.cli.analyze_files import json_text
-    from imu_rig.cli.analyze_show import foot_summary, show_foot
+    from imu_rig.cli.analyze_show import foot_summary, reference_tables, show_foot, show_tables
 
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
@@ -111,8 +128,11 @@ def foot(
     way.check()
     if no_files and output is not None:
         raise InputError("Give either --output or --no-files, not both.")
-    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local)
+    beside = ReferenceOptions(reference, marker, search_offset, mirrored, fit_lever, footprints)
+    beside.check(len(files))
+    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local, beside)
     answers: list[dict[str, Any]] = []
+    reports: list[FootReport] = []
     for file in files:
         with Working(f"Reading {file.name}") as working:
             report, extra = _analyse(file, wanted, working)
@@ -123,10 +143,17 @@ def foot(
                 written = _write(folder, report, extra)
         answer = foot_summary(report, written)
         answers.append(answer)
+        reports.append(report)
         if not as_json:
             show_foot(report, written)
-    if as_json:
-        sys.stdout.write(json_text(answers[0] if len(answers) == 1 else answers) + "\n")
+    tables = reference_tables(reports) if len(reports) > 1 else []
+    if not as_json:
+        show_tables(tables)
+        return
+    answer = answers[0] if len(answers) == 1 else {"recordings": answers}
+    if tables:
+        answer["tables"] = [table.to_dict() for table in tables]
+    sys.stdout.write(json_text(answer) + "\n")
 
 
 @dataclass(frozen=True)
@@ -138,6 +165,7 @@ class _Wanted:
     calibrating: Calibrating
     way: Way
     gravity: Gravity
+    beside: ReferenceOptions
 
 
 def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport, list[Any]]:
@@ -145,12 +173,16 @@ def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport,
     from imu_rig.report.foot_facts import FootReport
 
     recordings = read_walk(file, wanted.table, wanted.sensors, wanted.calibrating)
+    if len(recordings) > 1 and (wanted.beside.file or wanted.beside.footprints):
+        raise InputError(
+            f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
+        )
     feet: list[FootAnalysis] = []
     extra: list[Any] = []
     for recording in recordings:
         working.now(f"Following {recording.sensor}")
         try:
-            foot, more = analyse_foot(recording, wanted.way)
+            foot, more = analyse_foot(recording, wanted.way, wanted.beside)
         except DataError as error:
             raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
         feet.append(foot)
@@ -162,13 +194,17 @@ def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport,
     return report, extra
 
 
-def analyse_foot(recording: WalkRecording, way: Way) -> tuple[FootAnalysis, list[Any]]:
+def analyse_foot(
+    recording: WalkRecording,
+    way: Way,
+    beside: ReferenceOptions = ReferenceOptions(),
+) -> tuple[FootAnalysis, list[Any]]:
     """Find the track and the strides of one foot, and what a report of its method adds.
 
     Raises
     ------
     DataError
-        If the recording cannot be one of a foot that walks.
+        If the recording cannot be one of a foot that walks, or a reference not of it.
     """
     from imu_rig.gait.strides import gait_parameters
     from imu_rig.report.foot_facts import FootAnalysis
@@ -176,7 +212,24 @@ def analyse_foot(recording: WalkRecording, way: Way) -> tuple[FootAnalysis, list
     found = find_track(recording.block, way, recording.certificate)
     strides = gait_parameters(found.track)
     notes = dict.fromkeys((*found.track.notes, *strides.notes))
-    analysis = FootAnalysis(recording.sensor, found.block, found.track, strides, notes=tuple(notes))
+    given, measured = beside.read(), None
+    if given is not None:
+        measured = beside_reference(found.track, strides, given, beside)
+    elif recording.reference is not None and recording.reference.position is not None:
+        try:
+            measured = beside_reference(found.track, strides, recording.reference, beside)
+        except DataError as error:
+            notes[f"The recording's own reference was not used: {str(error).rstrip('.')}."] = None
+    prints = beside.read_footprints()
+    analysis = FootAnalysis(
+        recording.sensor,
+        found.block,
+        found.track,
+        strides,
+        measured,
+        None if prints is None else beside_footprints(strides, prints),
+        tuple(notes),
+    )
     return analysis, []
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from imu_rig.reference.tables import AxisTable
     from imu_rig.report.foot_facts import FootAnalysis, FootReport
 
 LABELS = 15
@@ -58,6 +60,35 @@ def _foot_values(foot: FootAnalysis) -> dict[str, Any]:
         if measured is not None:
             values[name] = measured.figures or dict(measured.rows)
     return values
+
+
+def reference_tables(reports: Sequence[FootReport]) -> list[AxisTable]:
+    """Return the tables of x, y and z over recordings with a reference; empty without."""
+    from imu_rig.reference.tables import axis_tables
+
+    aligned = {
+        _stem(report, foot): foot.reference.alignment
+        for report in reports
+        for foot in report.feet
+        if foot.reference is not None and foot.reference.alignment is not None
+    }
+    return axis_tables(aligned) if aligned else []
+
+
+def _stem(report: FootReport, foot: FootAnalysis) -> str:
+    stem = report.recording.rpartition(".")[0] or report.recording
+    return f"{stem}, {foot.name}" if len(report.feet) > 1 else stem
+
+
+def show_tables(tables: Sequence[AxisTable]) -> None:
+    """Print the tables of recordings with a reference, one for each axis."""
+    from imu_rig.cli.sheet import Sheet
+
+    sheet = Sheet(LABELS)
+    for table in tables:
+        for line in table.lines():
+            sheet.row([("  " + line, "")])
+        sheet.blank()
 
 
 def show_foot(report: FootReport, files: dict[str, Any]) -> None:

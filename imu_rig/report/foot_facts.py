@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.gait.mounting import foot_matrices
 from imu_rig.gait.strides import Strides, foot_pitch
 from imu_rig.gait.trajectory import FootTrack
+from imu_rig.reference.alignment import Alignment
 from imu_rig.report.foot_figures import SeenPath
 
 STEEP = 1.3
@@ -36,6 +38,8 @@ class Measured:
         Of every stride by the other [m]; NaN where it has none.
     figures : dict
         Name to value of the same, for programs.
+    alignment : Alignment or None
+        With a path.
     """
 
     rows: tuple[tuple[str, str], ...]
@@ -43,7 +47,8 @@ class Measured:
     note: str
     seen: SeenPath | None = None
     stride_lengths: FloatArray | None = None
-    figures: dict[str, float | int | str] | None = None
+    figures: dict[str, Any] | None = None
+    alignment: Alignment | None = None
 
 
 @dataclass(frozen=True, eq=False)
