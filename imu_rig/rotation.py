@@ -124,6 +124,23 @@ def _about_axis(angle: FloatArray | float, axis: int) -> FloatArray:
     return matrix
 
 
+def euler_angles(q: FloatArray) -> FloatArray:
+    """Roll, pitch and yaw [rad] of unit quaternions, shape (..., 4) to (..., 3).
+
+    The attitude is a turn by yaw about z, then by pitch about the new y, then by roll about the
+    newest x. Pitch lies within a quarter turn of level; near there roll and yaw are one.
+    """
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return np.stack(
+        (
+            np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+            np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)),
+            np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+        ),
+        axis=-1,
+    )
+
+
 def skew(v: FloatArray) -> FloatArray:
     """Matrices ``[v]x`` (..., 3, 3) with ``skew(v) @ u = v x u``."""
     zero = np.zeros_like(v[..., 0])

@@ -64,3 +64,10 @@ def test_tiny_and_half_turns_keep_their_vector() -> None:
 def test_skew_is_the_cross_product() -> None:
     u, v = some(3, 4), some(5, 4)
     assert np.einsum("nij,nj->ni", rotation.skew(u), v) == pytest.approx(np.cross(u, v))
+
+
+def test_euler_angles_are_turns_about_z_then_y_then_x() -> None:
+    angles = np.array([[0.1, -0.2, 3.0], [-3.0, 1.5, -0.4], [0.0, 0.0, 0.0]])
+    R = rotation.about_z(angles[:, 2]) @ rotation.about_y(angles[:, 1])
+    q = rotation.from_rotation_vector(rotation.vector_of_matrix(R @ rotation.about_x(angles[:, 0])))
+    assert rotation.euler_angles(q) == pytest.approx(angles, abs=1e-9)
