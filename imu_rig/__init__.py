@@ -8,19 +8,28 @@ Examples
 --------
 >>> trial = imu_rig.open_trial("walk.imu-trial")  # doctest: +SKIP
 >>> trial.imu("left shoe", calibrated=True).accel  # doctest: +SKIP
+>>> track = imu_rig.smooth_foot(trial.imu("left shoe"), covariance=True)  # doctest: +SKIP
+>>> imu_rig.gait_parameters(track).length  # doctest: +SKIP
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from imu_rig.gait.smoother import smooth_foot
+    from imu_rig.gait.strides import gait_parameters
     from imu_rig.recording.reader import Trial, open_trial
 
 __version__ = "0.1.0"
 
-__all__ = ["Trial", "__version__", "open_trial"]
+__all__ = ["Trial", "__version__", "gait_parameters", "open_trial", "smooth_foot"]
 
-_HOMES = {"open_trial": "imu_rig.recording.reader", "Trial": "imu_rig.recording.reader"}
+_HOMES = {
+    "Trial": "imu_rig.recording.reader",
+    "gait_parameters": "imu_rig.gait.strides",
+    "open_trial": "imu_rig.recording.reader",
+    "smooth_foot": "imu_rig.gait.smoother",
+}
 
 
 def __getattr__(name: str) -> Any:
