@@ -135,12 +135,12 @@ def foot(
     reports: list[FootReport] = []
     for file in files:
         with Working(f"Reading {file.name}") as working:
-            report, extra = _analyse(file, wanted, working)
+            report = _analyse(file, wanted, working)
             written: dict[str, Any] = {}
             if not no_files:
                 working.now(f"Drawing {file.name}")
                 folder = _folder(output, file, several=len(files) > 1, report=report)
-                written = _write(folder, report, extra)
+                written = _write(folder, report)
         answer = foot_summary(report, written)
         answers.append(answer)
         reports.append(report)
@@ -168,8 +168,8 @@ class _Wanted:
     beside: ReferenceOptions
 
 
-def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport, list[Any]]:
-    """Analyse the feet of one recording; the sections that the method adds come second."""
+def _analyse(file: Path, wanted: _Wanted, working: Working) -> FootReport:
+    """Analyse the feet of one recording."""
     from imu_rig.report.foot_facts import FootReport
 
     recordings = read_walk(file, wanted.table, wanted.sensors, wanted.calibrating)
@@ -178,28 +178,24 @@ def _analyse(file: Path, wanted: _Wanted, working: Working) -> tuple[FootReport,
             f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
         )
     feet: list[FootAnalysis] = []
-    extra: list[Any] = []
     for recording in recordings:
         working.now(f"Following {recording.sensor}")
         try:
-            foot, more = analyse_foot(recording, wanted.way, wanted.beside)
+            feet.append(analyse_foot(recording, wanted.way, wanted.beside))
         except DataError as error:
             raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
-        feet.append(foot)
-        extra += more
     facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
     facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
     facts.append(("Gravity", gravity_words(wanted.gravity)))
-    report = FootReport(file.name, recordings[0].sha256, tuple(feet), False, tuple(facts))
-    return report, extra
+    return FootReport(file.name, recordings[0].sha256, tuple(feet), False, tuple(facts))
 
 
 def analyse_foot(
     recording: WalkRecording,
     way: Way,
     beside: ReferenceOptions = ReferenceOptions(),
-) -> tuple[FootAnalysis, list[Any]]:
-    """Find the track and the strides of one foot, and what a report of its method adds.
+) -> FootAnalysis:
+    """Find the track and the strides of one foot, and set them beside what else is known.
 
     Raises
     ------
@@ -221,7 +217,7 @@ def analyse_foot(
         except DataError as error:
             notes[f"The recording's own reference was not used: {str(error).rstrip('.')}."] = None
     prints = beside.read_footprints()
-    analysis = FootAnalysis(
+    return FootAnalysis(
         recording.sensor,
         found.block,
         found.track,
@@ -229,8 +225,8 @@ def analyse_foot(
         measured,
         None if prints is None else beside_footprints(strides, prints),
         tuple(notes),
+        found.steps,
     )
-    return analysis, []
 
 
 def gravity_words(gravity: Gravity) -> str:
@@ -261,7 +257,7 @@ def _trajectory_names(report: FootReport) -> list[str]:
     return [f"trajectory-{safe_name(foot.name)}.csv" for foot in report.feet]
 
 
-def _write(folder: Path, report: FootReport, extra: list[Any]) -> dict[str, Any]:
+def _write(folder: Path, report: FootReport) -> dict[str, Any]:
     """Write all files of one recording; return their paths by what they are."""
     from imu_rig.cli.analyze_files import write_json, write_rows, write_trajectory
     from imu_rig.cli.analyze_show import foot_summary
@@ -269,7 +265,7 @@ def _write(folder: Path, report: FootReport, extra: list[Any]) -> dict[str, Any]
     from imu_rig.report.page import write_report
     from imu_rig.report.stride_table import stride_head, stride_rows
 
-    write_report(folder / REPORT_NAME, foot_report(report, *extra))
+    write_report(folder / REPORT_NAME, foot_report(report))
     rows = [row for foot in report.feet for row in stride_rows(foot.name, foot.strides)]
     write_rows(folder / STRIDES_NAME, stride_head(report.feet[0].strides), rows, "strides")
     trajectories = []

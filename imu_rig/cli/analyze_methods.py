@@ -149,7 +149,9 @@ def _by_two_filters(block: ImuBlock, way: Way) -> Found:
     )
     trajectory = steps.smoothed.trajectory
     falls = find_footfalls(inside, trajectory.t)
-    turned = trajectory.turned(-first_heading(trajectory, falls, find_foot_axes(trajectory, falls)))
+    heading = first_heading(trajectory, falls, find_foot_axes(trajectory, falls))
+    steps = steps.turned(-heading)
+    turned = steps.smoothed.trajectory
     notes = [
         "The published two-filter method was used: it estimates no sensor errors, and its "
         "covariance knows of white noise only, so no uncertainty is given."

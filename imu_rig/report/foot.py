@@ -13,19 +13,18 @@ from imu_rig.report.numbers import MISSING, counted, decimals_for, duration, fix
 from imu_rig.report.page import Html, card, document, element, facts, header, section
 from imu_rig.report.stride_table import kinds_note, shown_summary, stride_table, summary_table
 from imu_rig.report.svg import Figures, report_style
+from imu_rig.report.two_filter import two_filter_figures
 from imu_rig.units import DEG
 
 TITLE = "Walk"
 
 
-def foot_report(report: FootReport, *extra: Html, title: str = TITLE) -> str:
+def foot_report(report: FootReport, *, title: str = TITLE) -> str:
     """Return the report of one recording as the text of one HTML file that needs nothing else.
 
     Parameters
     ----------
     report : FootReport
-    extra : Html
-        Sections that a method adds.
     title : str
     """
     names = ", ".join(foot.name for foot in report.feet)
@@ -38,7 +37,6 @@ def foot_report(report: FootReport, *extra: Html, title: str = TITLE) -> str:
         header("trajectory of a foot", title, f"{report.recording} · {names}"),
         *(_verdict(foot, several=len(report.feet) > 1) for foot in report.feet),
         *parts,
-        *extra,
         _provenance(report),
     )
 
@@ -114,7 +112,9 @@ def _of_foot(report: FootReport, foot: FootAnalysis, drawn: Figures, number: int
             f"{named}trajectory".capitalize() if not named else f"{named}trajectory", trajectory
         ),
     ]
-    return [*found, *_strides(foot, drawn, letter, named), *_stance(foot, drawn, letter, named)]
+    found += _strides(foot, drawn, letter, named)
+    found += _stance(foot, drawn, letter, named)
+    return [*found, *_two_filters(foot, drawn, letter, named)]
 
 
 def _plan_caption(foot: FootAnalysis) -> str:
@@ -250,6 +250,18 @@ def _stance(foot: FootAnalysis, drawn: Figures, letter: str, named: str) -> list
     return [
         section(f"{named}Stance and angles", element("div", *drawn.parts[begin:], class_="figures"))
     ]
+
+
+def _two_filters(foot: FootAnalysis, drawn: Figures, letter: str, named: str) -> list[Html]:
+    """Draw what the published method shows of each of its filters."""
+    if foot.steps is None:
+        return []
+    begin = len(drawn.parts)
+    with report_style():
+        for one in two_filter_figures(foot.steps):
+            drawn.add(one.name + letter, one.figure, one.title, one.caption)
+    inside = element("div", *drawn.parts[begin:], class_="figures")
+    return [section(f"{named}Forward and backward filter", inside)]
 
 
 def _provenance(report: FootReport) -> Html:

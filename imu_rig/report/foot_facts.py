@@ -13,6 +13,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.gait.mounting import foot_matrices
 from imu_rig.gait.strides import Strides, foot_pitch
 from imu_rig.gait.trajectory import FootTrack
+from imu_rig.gait.two_filter import StepSmoothing
 from imu_rig.reference.alignment import Alignment
 from imu_rig.report.foot_figures import SeenPath
 
@@ -67,6 +68,8 @@ class FootAnalysis:
         Comparisons with positions by optics, and with footprints on the ground.
     notes : tuple of str
         What its reader should know, a sentence each.
+    steps : StepSmoothing or None
+        What the published two filters say, on the axes of the track, where they were asked.
     """
 
     name: str
@@ -76,6 +79,7 @@ class FootAnalysis:
     reference: Measured | None = None
     footprints: Measured | None = None
     notes: tuple[str, ...] = ()
+    steps: StepSmoothing | None = None
 
     @cached_property
     def angles(self) -> FloatArray:

@@ -85,7 +85,7 @@ def plan(feet: Sequence[tuple[str, FootTrack]], seen: SeenPath | None = None) ->
         )  # fmt: skip
     for (name, track), colour in zip(feet, COLOURS, strict=False):
         _draw_plan(axes, track, colour, name if len(feet) > 1 else "")
-    axes.set_xlabel("x [m], the way of the first stride" if len(feet) == 1 else "x [m]")
+    axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=8)
     axes.legend(
