@@ -20,4 +20,5 @@ RATE_UNITS = {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mrad/s": 1e-3}
 FIELD_UNITS = {"uT": 1.0, "G": 100.0, "gauss": 100.0, "mG": 0.1, "nT": 1e-3, "T": 1e6}
 TEMPERATURE_UNITS = {"degC": 1.0}
 PRESSURE_UNITS = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1000.0, "bar": 1e5}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -24,7 +24,7 @@ COMMENTS = ("#", "%", "//")
 _NUMBER_BEGINS = frozenset("0123456789-")
 JUDGED_LINES = 30
 FEWEST_COLUMNS = 3
-_NUMERALS = {2: "two", 3: "three"}
+_NUMERALS = {1: "one column", 2: "two columns", 3: "three columns"}
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def detect_form(
     form = Form(best[0], best[1], 0, 0, None, ())
     if _numbers_per_line(tail, *best) < fewest:
         raise InputError(
-            f"{path} holds no table of numbers with {_NUMERALS[fewest]} columns or more: "
+            f"{path} holds no table of numbers with {_NUMERALS[fewest]} or more: "
             f"{tail[-1][:60]!r}"
         )
     counts = Counter(len(form.split(line)) for line in tail)

@@ -7,15 +7,22 @@ import re
 from typing import Literal
 
 from imu_rig.errors import InputError
-from imu_rig.units import ACCELERATION_UNITS, FIELD_UNITS, RATE_UNITS, TIME_UNITS
+from imu_rig.units import (
+    ACCELERATION_UNITS,
+    FIELD_UNITS,
+    LENGTH_UNITS,
+    RATE_UNITS,
+    TIME_UNITS,
+)
 
-Kind = Literal["accel", "gyro", "mag", "time"]
+Kind = Literal["accel", "gyro", "mag", "time", "length"]
 
 _TABLES: dict[str, dict[str, float]] = {
     "accel": ACCELERATION_UNITS,
     "gyro": RATE_UNITS | {"mdps": RATE_UNITS["dps"] * 1e-3},
     "mag": FIELD_UNITS,
     "time": TIME_UNITS,
+    "length": LENGTH_UNITS,
 }
 _ALIASES: dict[str, dict[str, str]] = {
     "accel": dict.fromkeys(
@@ -30,9 +37,18 @@ _ALIASES: dict[str, dict[str, str]] = {
     | dict.fromkeys(("msec", "millis", "millisecond", "milliseconds"), "ms")
     | dict.fromkeys(("usec", "micros", "microsecond", "microseconds"), "us")
     | dict.fromkeys(("nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
+    "length": dict.fromkeys(("meter", "meters", "metre", "metres"), "m")
+    | dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres"), "mm")
+    | dict.fromkeys(("centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
 }
 _COUNTS = re.compile(r"^([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:lsb|counts?)\s*/\s*(.+)$", re.IGNORECASE)
-_NAMES = {"accel": "acceleration", "gyro": "rate", "mag": "field", "time": "time"}
+_NAMES = {
+    "accel": "acceleration",
+    "gyro": "rate",
+    "mag": "field",
+    "time": "time",
+    "length": "length",
+}
 _EXAMPLES = {"accel": ", or counts as '16384 LSB/g'", "gyro": ", or counts as '131 LSB/(deg/s)'"}
 
 
@@ -43,7 +59,7 @@ def parse_unit(text: str, kind: Kind) -> float:
     ----------
     text : str
         Such as ``m/s^2``, ``deg/s``, ``16384 LSB/g``, ``131 LSB/(deg/s)``.
-    kind : {"accel", "gyro", "mag", "time"}
+    kind : {"accel", "gyro", "mag", "time", "length"}
         What it is a unit of.
 
     Raises
