@@ -18,3 +18,11 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """
     make = njit(cache=True, nogil=True, error_model="numpy")
     return cast(Callable[P, R], make(function))
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a small function into whatever calls it; products may be fused with sums."""
+    make = njit(
+        cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"}
+    )
+    return cast(Callable[P, R], make(function))

@@ -46,7 +46,7 @@ def add(e: FloatArray, i: int, s: float, v: Vector) -> None:
 @inlined
 def slope_of(adjoint: FloatArray, gains: FloatArray, row: int) -> float:
     """Return innovation / variance plus gain times adjoint."""
-    total = gains[row, SLOPE]
+    total = float(gains[row, SLOPE])
     for j in range(WIDTH):
         total += gains[row, j] * adjoint[j]
     return total

@@ -1,8 +1,10 @@
 """Motion of a foot from its readings: an error-state filter and smoother over a whole trial.
 
-The state is attitude, velocity, height, the biases of gyroscope and accelerometer, the floor's
-height and the point about which a standing foot rolls. Corrections are fed back at once, so that
-the filter linearizes about its best estimate; the smoother linearizes where the filter did.
+The state is attitude, velocity, height over the floor, the point about which a standing foot rolls
+and the biases of accelerometer and gyroscope. Corrections are fed back at once, so that the filter
+linearizes about its best estimate; the smoother linearizes where the filter did. A floor that may
+have moved adds to the variance of the height over it; the height itself is the velocity's
+integral.
 """
 
 from __future__ import annotations
@@ -10,12 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import FloatArray
-from imu_rig.kernels.foot_dense import smooth_dense
+from imu_rig.kernels.foot_backward import smooth_backward
+from imu_rig.kernels.foot_forward import ROW, filter_forward
 from imu_rig.kernels.foot_types import (
     ACCEL_BIAS,
     ATTITUDE,
-    FLOOR,
     GYRO_BIAS,
+    HEIGHT,
     PIVOT,
     STATES,
     VELOCITY,
@@ -54,85 +57,99 @@ def smooth_foot_states(
     -------
     FootStates
     """
-    first = first_state(inputs, model) if start is None else start
-    P = np.array(first.covariance)
-    bias_walk = model.gyro_bias_walk
-    if not estimate_gyro_bias:
-        P[GYRO_BIAS, :] = 0.0
-        P[:, GYRO_BIAS] = 0.0
-        bias_walk = 0.0
     n = len(inputs.dt)
-    readings = np.column_stack((inputs.dt, inputs.gyro, inputs.accel))
-    if start is None:
-        readings[0, 0] = 0.0
-    nothing = np.zeros(n)
-    sigmas = np.column_stack(
-        (
-            inputs.velocity_sigma,
-            inputs.rest_sigma,
-            inputs.floor_sigma,
-            inputs.floor_step,
-            nothing if inputs.unseen_turn is None else inputs.unseen_turn,
-            nothing if inputs.unseen_velocity is None else inputs.unseen_velocity,
-        )
+    first = first_state(inputs, model) if start is None else start
+    dt, floor_step = np.array(inputs.dt, dtype=float), np.array(inputs.floor_step, dtype=float)
+    if start is None:  # nothing comes before, and the floor's first step is in the prior
+        dt[0] = floor_step[0] = 0.0
+    P = np.array(first.covariance)
+    if not estimate_gyro_bias:
+        P[GYRO_BIAS, :] = P[:, GYRO_BIAS] = 0.0
+    given = (
+        dt,
+        contiguous(inputs.gyro),
+        contiguous(inputs.accel),
+        contiguous(inputs.velocity_sigma),
+        contiguous(inputs.rest_sigma),
+        contiguous(inputs.floor_sigma),
+        floor_step,
+        contiguous(inputs.unseen_turn),
+        contiguous(inputs.unseen_velocity),
+        noise_of(model),
+        estimate_gyro_bias,
     )
-    if start is None:
-        sigmas[0, 3] = 0.0  # is in the prior
-    noise = np.array(
-        [
-            model.gyro_noise,
-            model.gyro_motion,
-            model.accel_noise,
-            model.accel_motion,
-            bias_walk,
-            model.accel_bias_walk,
-            model.gravity,
-            model.gate,
-            model.gate_cap,
-        ]
-    )
-    measured = np.isfinite(sigmas[:, :3]) & (sigmas[:, :3] > 0.0)
-    gains = np.empty((int(measured.sum(axis=0) @ [3, 3, 1]), STATES + 2))
-    x = np.zeros(26)
-    x[0:4], x[4:7], x[7] = first.quaternion, first.velocity, first.position[2]
-    x[8:11], x[11:14], x[14] = first.gyro_bias, first.accel_bias, first.floor
-    x[15:18], x[20:23], x[23:26] = first.pivot, first.gyro, first.accel
-    q, v, position = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
-    gyro_bias, accel_bias = np.empty((n, 3)), np.empty((n, 3))
-    z, floor, nis = np.empty(n), np.empty(n), np.empty(n)
-    smooth_dense(
-        readings, sigmas, noise, x, P, q, v, z, gyro_bias, accel_bias, floor, nis, gains,
-        not forward_only,
-    )  # fmt: skip
-    means = 0.5 * (v[1:, :2] + v[:-1, :2]) * readings[1:, :1]
-    position[0, :2] = first.position[:2]
-    if start is not None:
-        position[0, :2] += 0.5 * (first.velocity[:2] + v[0, :2]) * readings[0, 0]
-    position[1:, :2] = position[0, :2] + np.cumsum(means, axis=0)
-    position[:, 2] = z
+    counts = [np.count_nonzero((s > 0.0) & (s < np.inf)) for s in given[3:6]]
+    gains = np.empty((3 * counts[0] + 3 * counts[1] * estimate_gyro_bias + counts[2], ROW))
+    x = nominal(first)
+    quaternion, velocity, height = np.empty((n, 4)), np.empty((n, 3)), np.empty(n)
+    accel_bias, nis = np.empty((n, 3)), np.empty(n)
+    gyro_bias = np.empty((n if estimate_gyro_bias else 0, 3))
+    states = (quaternion, velocity, height, gyro_bias, accel_bias)
+    filter_forward(*given, x, P, *states, nis, gains)
+    last = velocity[-1].copy()
+    if not forward_only:
+        smooth_backward(*given, x, *states, gains)
+    if not estimate_gyro_bias:
+        gyro_bias = np.broadcast_to(first.gyro_bias, (n, 3))
+    position = integral(dt, first, velocity)
+    P = np.triu(P) + np.triu(P, 1).T
     end = FootState(
-        x[0:4], x[4:7], np.array([*position[-1, :2], x[7]]), x[8:11], x[11:14], float(x[14]),
-        x[15:18], P, np.array(inputs.gyro[-1]), np.array(inputs.accel[-1]),
+        x[0:4], last, position[-1].copy(), float(x[7]), x[8:11], x[11:14], x[14:17], P,
+        np.array(inputs.gyro[-1]), np.array(inputs.accel[-1]),
     )  # fmt: skip
     return FootStates(
-        q, v, position, gyro_bias, accel_bias, floor, end.pivot, P[GYRO_BIAS, GYRO_BIAS].copy(),
-        nis, end,
+        quaternion, velocity, position, gyro_bias, accel_bias, position[:, 2] - height, end.pivot,
+        P[GYRO_BIAS, GYRO_BIAS].copy(), nis, end,
     )  # fmt: skip
+
+
+def contiguous(values: FloatArray | None) -> FloatArray:
+    """Return floats as kernels take them; none where there are none."""
+    return np.empty(0) if values is None else np.ascontiguousarray(values, dtype=float)
+
+
+def noise_of(model: FootModel) -> FloatArray:
+    """Lay out a model's noise and gate as `filter_forward` takes them."""
+    m = model
+    densities = (
+        m.gyro_noise, m.gyro_motion, m.accel_noise, m.accel_motion, m.gyro_bias_walk,
+        m.accel_bias_walk,
+    )  # fmt: skip
+    return np.array([*np.square(densities), m.gravity, m.gate, m.gate_cap])
+
+
+def nominal(state: FootState) -> FloatArray:
+    """Lay out a state as `filter_forward` takes it."""
+    s = state
+    return np.concatenate(
+        (s.quaternion, s.velocity, [s.height], s.pivot, s.accel_bias, s.gyro_bias, s.gyro, s.accel)
+    )
+
+
+def integral(dt: FloatArray, first: FootState, velocity: FloatArray) -> FloatArray:
+    """Return positions (n, 3): the velocities' trapezoid, from ``first`` on."""
+    position = np.empty_like(velocity)
+    position[0] = first.velocity + velocity[0]
+    np.add(velocity[1:], velocity[:-1], out=position[1:])
+    position *= 0.5 * dt[:, None]
+    np.cumsum(position, axis=0, out=position)
+    position += first.position
+    return position
 
 
 def first_state(inputs: FootInputs, model: FootModel) -> FootState:
     """Return what is known before the first sample's measurements: the model's priors."""
-    P = np.zeros((STATES, STATES))
-    diagonal: FloatArray = np.einsum("ii->i", P)
-    diagonal[ATTITUDE] = model.tilt_prior**2, model.tilt_prior**2, 0.0
-    diagonal[VELOCITY] = model.velocity_prior**2
-    diagonal[GYRO_BIAS] = np.square(model.gyro_bias_prior)
-    diagonal[ACCEL_BIAS] = model.accel_bias_prior**2
-    diagonal[FLOOR] = inputs.floor_step[0] ** 2
-    diagonal[PIVOT] = model.pivot_sigma**2
+    variances = np.zeros(STATES)
+    variances[ATTITUDE] = model.tilt_prior**2, model.tilt_prior**2, 0.0
+    variances[VELOCITY] = model.velocity_prior**2
+    variances[HEIGHT] = inputs.floor_step[0] ** 2
+    variances[PIVOT] = model.pivot_sigma**2
+    variances[ACCEL_BIAS] = model.accel_bias_prior**2
+    variances[GYRO_BIAS] = np.square(model.gyro_bias_prior)
     zero = np.zeros(3)
+    q0 = np.asarray(inputs.q0, dtype=float)
     return FootState(
-        np.array(inputs.q0, dtype=float), np.array(inputs.v0, dtype=float), zero, zero, zero, 0.0,
-        np.array(model.pivot_prior, dtype=float), P, np.array(inputs.gyro[0], dtype=float),
-        np.array(inputs.accel[0], dtype=float),
+        q0 / np.linalg.norm(q0), np.array(inputs.v0, dtype=float), zero, 0.0,
+        np.array(model.pivot_prior, dtype=float), zero, zero, np.diag(variances),
+        np.array(inputs.gyro[0], dtype=float), np.array(inputs.accel[0], dtype=float),
     )  # fmt: skip

@@ -21,7 +21,6 @@ from imu_rig.kernels.foot_errors import (
     PHI,
     WIDTH,
     B,
-    C,
     H,
     R,
     V,

@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 from imu_rig.arrays import FloatArray
 
-STATES = 17
-"""Length of the error state: its parts are the slices below."""
+STATES = 16
+"""Length of the error state. Its parts are the slices below: attitude as a small rotation in
+navigation axes [rad], velocity [m/s], height over the floor [m], pivot [m], biases of accelerometer
+[m/s^2] and gyroscope [rad/s]."""
 ATTITUDE = slice(0, 3)
 VELOCITY = slice(3, 6)
 HEIGHT = 6
-GYRO_BIAS = slice(7, 10)
+PIVOT = slice(7, 10)
 ACCEL_BIAS = slice(10, 13)
-FLOOR = 13
-PIVOT = slice(14, 17)
+GYRO_BIAS = slice(13, 16)
 
 
 class FootModel(NamedTuple):
@@ -117,15 +118,14 @@ class FootState(NamedTuple):
     quaternion : shape (4,)
     velocity, position : shape (3,)
         Navigation axes [m/s, m].
-    gyro_bias, accel_bias : shape (3,)
-        Sensor axes [rad/s, m/s^2].
-    floor : float
-        Height of the sensor over which the floor is taken to be flat [m].
+    height : float
+        Over the floor [m]; the floor is where the sensor rests on level ground.
     pivot : shape (3,)
         Sensor axes [m].
-    covariance : shape (17, 17)
-        Of the error state: attitude as a small rotation in navigation axes (3), velocity (3),
-        height (1), gyro bias (3), accelerometer bias (3), floor (1), pivot (3).
+    accel_bias, gyro_bias : shape (3,)
+        Sensor axes [m/s^2, rad/s].
+    covariance : shape (16, 16)
+        Of the error state, in the order of the slices above.
     gyro, accel : shape (3,)
         The last readings.
     """
@@ -133,10 +133,10 @@ class FootState(NamedTuple):
     quaternion: FloatArray
     velocity: FloatArray
     position: FloatArray
-    gyro_bias: FloatArray
-    accel_bias: FloatArray
-    floor: float
+    height: float
     pivot: FloatArray
+    accel_bias: FloatArray
+    gyro_bias: FloatArray
     covariance: FloatArray
     gyro: FloatArray
     accel: FloatArray
@@ -149,11 +149,11 @@ class FootStates(NamedTuple):
     ----------
     quaternion : shape (n, 4)
     velocity, position : shape (n, 3)
-        Navigation axes [m/s, m]. The horizontal position is the integral of the velocity.
+        Navigation axes [m/s, m]. The position is the integral of the velocity.
     gyro_bias, accel_bias : shape (n, 3)
-        Sensor axes [rad/s, m/s^2].
+        Sensor axes [rad/s, m/s^2]; the first may be read-only.
     floor : shape (n,)
-        [m].
+        Height of the sensor at which it would rest on the floor [m].
     pivot : shape (3,)
         [m], sensor axes; at the end of the trial, which is the whole trial's estimate.
     gyro_bias_covariance : shape (3, 3)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 
-from imu_rig.kernels.compiled import compiled
+from imu_rig.kernels.compiled import inlined
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
-@compiled
+@inlined
 def product(p: Quaternion, q: Quaternion) -> Quaternion:
     """Hamilton product; ``q`` turns first."""
     return (
@@ -26,28 +26,35 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
     )
 
 
-@compiled
+@inlined
 def exponential(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of a rotation vector [rad]."""
-    square = x * x + y * y + z * z
-    if square < 1e-2:  # series to the eighth power of the angle: exact to the last bit
-        cosine = 1.0 + square * (-1 / 8 + square * (1 / 384 + square * (-1 / 46080)))
-        sine = 0.5 + square * (-1 / 48 + square * (1 / 3840 + square * (-1 / 645120)))
+    quarter = 0.25 * (x * x + y * y + z * z)
+    if quarter < 0.06:  # series of cosine and sine / angle, exact to the last bit so far
+        cosine = 1.0 + quarter * (
+            -1 / 2 + quarter * (1 / 24 + quarter * (-1 / 720 + quarter * (1 / 40320)))
+        )
+        cosine += quarter**5 * (-1 / 3628800 + quarter * (1 / 479001600))
+        sine = 1.0 + quarter * (
+            -1 / 6 + quarter * (1 / 120 + quarter * (-1 / 5040 + quarter * (1 / 362880)))
+        )
+        sine += quarter**5 * (-1 / 39916800 + quarter * (1 / 6227020800))
     else:
-        angle = math.sqrt(square)
-        cosine = math.cos(0.5 * angle)
-        sine = math.sin(0.5 * angle) / angle
-    return (cosine, sine * x, sine * y, sine * z)
+        angle = math.sqrt(quarter)
+        cosine = math.cos(angle)
+        sine = math.sin(angle) / angle
+    half = 0.5 * sine
+    return (cosine, half * x, half * y, half * z)
 
 
-@compiled
+@inlined
 def unit(q: Quaternion) -> Quaternion:
-    """Scale a quaternion to length 1."""
-    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    """Take rounding out of the length of a quaternion, which is 1 but for that."""
+    s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (s * q[0], s * q[1], s * q[2], s * q[3])
 
 
-@compiled
+@inlined
 def matrix(q: Quaternion) -> Matrix:
     """Rotation matrix of a unit quaternion, sensor to navigation."""
     w, x, y, z = q
@@ -64,7 +71,7 @@ def matrix(q: Quaternion) -> Matrix:
     )
 
 
-@compiled
+@inlined
 def turned(C: Matrix, x: float, y: float, z: float) -> Vector:
     """Rotate a vector from sensor to navigation axes."""
     return (
@@ -74,7 +81,7 @@ def turned(C: Matrix, x: float, y: float, z: float) -> Vector:
     )
 
 
-@compiled
+@inlined
 def integrated_rate(dt: float, w0: Vector, w1: Vector) -> Vector:
     """Rotation vector [rad] of a step of ``dt`` over which the rate goes linearly from w0 to w1.
 

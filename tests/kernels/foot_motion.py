@@ -55,18 +55,17 @@ def known(inputs: FootInputs, model: FootModel = MODEL) -> FootState:
         (
             [model.tilt_prior, model.tilt_prior, 0.01],
             np.full(3, model.velocity_prior),
-            [0.01],
-            model.gyro_bias_prior,
-            np.full(3, model.accel_bias_prior),
             [0.02],
             np.full(3, model.pivot_sigma),
+            np.full(3, model.accel_bias_prior),
+            model.gyro_bias_prior,
         )
     )
-    mix = np.random.default_rng(5).standard_normal((17, 17))
-    correlation = mix @ mix.T + 17 * np.eye(17)
+    mix = np.random.default_rng(5).standard_normal((16, 16))
+    correlation = mix @ mix.T + 16 * np.eye(16)
     correlation /= np.sqrt(np.outer(np.diag(correlation), np.diag(correlation)))
     zero = np.zeros(3)
     return FootState(
-        inputs.q0, inputs.v0, zero, zero, zero, 0.0, model.pivot_prior,
+        inputs.q0, inputs.v0, zero, 0.0, model.pivot_prior, zero, zero,
         correlation * np.outer(sigma, sigma), inputs.gyro[0], inputs.accel[0],
     )  # fmt: skip
