@@ -287,7 +287,7 @@ def _notes(t: FloatArray, still: BoolArray, *, still_start: bool) -> list[str]:
     if not still_start:
         notes.append(
             f"The foot stood still for no second of the first {SEARCH_S:g} s: the attitude begins "
-            "with a guess, and the first strides may be wrong by several percent."
+            "with that of a stance, and may be wrong by a degree or two for some strides."
         )
     first, last = runs(~still)
     longest = float(np.max(t[last] - t[first]))

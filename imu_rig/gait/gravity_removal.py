@@ -25,7 +25,10 @@ the noise of consumer sensors at 100 to 400 Hz, a tenth of the least that walkin
 no harm."""
 
 SEARCH_S = 10.0
-"""So long is waited for such a second; then the quietest one so far has to do."""
+"""So long is waited for such a second; then the quietest moment so far has to do."""
+
+MOMENT_S = 0.1
+"""Of a foot that walks already: a stance is a few times as long."""
 
 MADGWICK_GAIN = 0.01
 """By Madgwick's rule, sqrt(3/4) of the gyroscope's error, for 0.66 deg/s: a calibrated consumer
@@ -56,9 +59,9 @@ class Freed:
 class GravityRemoval:
     """Attitude and gravity-free acceleration of a recording that comes in pieces of any size.
 
-    The start is in the first second in which the foot stands still: its mean specific force is up.
-    What was before is gone through backwards from there. Pieces give exactly what the whole does;
-    no more than the first 10 s are kept back.
+    The start is in the first second in which the foot stands still: its mean specific force is up;
+    of a foot that does not, in its quietest moment. What was before is gone through backwards.
+    Pieces give exactly what the whole does; no more than the first 10 s are kept back.
 
     Parameters
     ----------
@@ -114,8 +117,11 @@ class GravityRemoval:
         if not len(quiet) and early == len(waiting) and not over:
             return _freed_none()
         self.still_start = bool(len(quiet))
-        end = int(quiet[0]) if len(quiet) else int(np.argmin(self._loud))
-        rest = waiting[_begin_of(waiting.t, end) : end + 1]
+        if self.still_start:
+            end, rested = int(quiet[0]), STILL_S
+        else:
+            end, rested = int(np.argmin(_loudness(waiting[:early], 0, MOMENT_S))), MOMENT_S
+        rest = waiting[_begin_of(waiting.t, end, rested) : end + 1]
         attitude = _upright(rest, self._magnetometer)
         backwards = waiting[end::-1]
         before = gradient_descent(
@@ -162,23 +168,24 @@ def _freed_joined(one: Freed, other: Freed) -> Freed:
     )
 
 
-def _begin_of(t: FloatArray, end: int) -> int:
-    """Return where the second that ends with a sample begins."""
-    return int(np.searchsorted(t, t[end] - STILL_S, side="left"))
+def _begin_of(t: FloatArray, end: int, seconds: float) -> int:
+    """Return where the time that ends with a sample begins."""
+    return int(np.searchsorted(t, t[end] - seconds, side="left"))
 
 
-def _loudness(block: ImuBlock, begin: int) -> FloatArray:
-    """Return how much the foot moved in the second before each sample from ``begin`` on.
+def _loudness(block: ImuBlock, begin: int, seconds: float = STILL_S) -> FloatArray:
+    """Return how much the foot moved in some time before each sample from ``begin`` on.
 
-    Below 1 it stood still. Infinite in the first second, and where values are missing.
+    Below 1 it stood still. Infinite as long as there is not that much, and where values are
+    missing.
     """
     t, ends = block.t, np.arange(begin, len(block))
-    first = np.searchsorted(t, t[ends] - STILL_S, side="left").astype(np.int64)
+    first = np.searchsorted(t, t[ends] - seconds, side="left").astype(np.int64)
     loud = [
         np.sqrt(scatter(np.ascontiguousarray(values), 0.0, first, ends + 1)) / least
         for values, least in ((block.accel, STILL_FORCE), (block.gyro, STILL_RATE))
     ]
-    known = (t[ends] - t[0] >= STILL_S) & np.isfinite(loud[0] + loud[1])
+    known = (t[ends] - t[0] >= seconds) & np.isfinite(loud[0] + loud[1])
     return np.where(known, np.maximum(*loud), np.inf)
 
 

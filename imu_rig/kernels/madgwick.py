@@ -28,7 +28,8 @@ def gradient_descent(
     Between samples it turns by the mean of both rates, exactly and not by the paper's Euler step,
     which a foot's 500 deg/s at 100 Hz would leave behind by a degree per stride. The correction
     goes at the speed ``gain``, but not beyond the bottom of the valley: near it the paper's step
-    of constant length would only dither, and after a gap overshoot.
+    of constant length would only dither, and after a gap overshoot. What of the slope would change
+    the quaternion's norm is left out, or the speed would depend on how the sensor is put on.
 
     Parameters
     ----------
@@ -120,6 +121,8 @@ def gradient_descent(
                     gd += 2.0 * (
                         (bz * x - 2.0 * bx * z) * fx + (bz * y - bx * w) * fy + bx * x * fz
                     )
+            along = ga * w + gb * x + gc * y + gd * z
+            ga, gb, gc, gd = ga - along * w, gb - along * x, gc - along * y, gd - along * z
             slope = math.sqrt(ga * ga + gb * gb + gc * gc + gd * gd)
             if slope > 0.0:
                 # Each direction curves the valley by 4: its bottom is slope / 4 or slope / 8 away.
