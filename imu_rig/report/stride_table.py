@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imu_rig.arrays import AnyArray, FloatArray
-from imu_rig.gait.strides import Strides, Summary, summarize
+from imu_rig.gait.strides import Strides, Summary, summary_of
 from imu_rig.report.numbers import MISSING, fixed
 from imu_rig.report.page import Html, element, folded, table
 from imu_rig.units import DEG
@@ -105,20 +105,10 @@ def stride_rows(foot: str, strides: Strides) -> list[list[object]]:
     ]
 
 
-def summary_rows(strides: Strides) -> list[tuple[str, str, Summary]]:
-    """Return name, unit and statistics of what describes a gait, in the units shown."""
-    return [
-        (label, unit, shown)
-        for name, label in SUMMARIZED
-        for unit, shown in [shown_summary(strides, name)]
-        if shown.count
-    ]
-
-
 def shown_summary(strides: Strides, name: str) -> tuple[str, Summary]:
     """Return the unit and the statistics of one column over the strides of walking."""
     unit = strides.columns()[name].unit
-    found = summarize(strides)[name]
+    found = summary_of(getattr(strides, name)[strides.walking])
     shown, size = SHOWN_UNITS.get(unit, (unit, 1.0))
     return shown, Summary(found.mean / size, found.sd / size, found.cv, found.count)
 
