@@ -51,6 +51,9 @@ ASIDE, BACK = 50.0 * DEG, 130.0 * DEG
 """Travel seen from the foot: feet point outward by up to 25 deg, and turn by as much again."""
 HALF = 0.5
 """Two legs that share the time cannot both leave the ground if each is on it for longer."""
+SLOWEST_RUN_S = 1.0
+"""Flight and landing set a pace: nobody runs with fewer than 120 steps a minute. Who slides the
+feet along has little stance as well, and takes longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +64,8 @@ class StrideFacts:
     ----------
     length, height : [m]
     turn : [rad]
-    swing_time : [s]
-        NaN where the foot never left the ground.
+    swing_time, duration : [s]
+        NaN where the foot never left the ground, or where it stood before.
     stance_share : [1]
         NaN where unknown.
     off_foot : [rad]
@@ -73,6 +76,7 @@ class StrideFacts:
     height: FloatArray
     turn: FloatArray
     swing_time: FloatArray
+    duration: FloatArray
     stance_share: FloatArray
     off_foot: FloatArray
 
@@ -93,6 +97,6 @@ def stride_kinds(facts: StrideFacts) -> AnyArray:
             (length < SHORT_M, SHORT),
             (off > BACK, BACKWARD),
             (off > ASIDE, SIDEWAYS),
-            (facts.stance_share < HALF, RUN),
+            ((facts.stance_share < HALF) & (facts.duration < SLOWEST_RUN_S), RUN),
         ]
     return np.select([case for case, _ in cases], [kind for _, kind in cases], WALK)

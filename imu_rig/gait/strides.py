@@ -208,6 +208,7 @@ def gait_parameters(track: FootTrack) -> Strides:
             height=moved[:, 2],
             turn=turn,
             swing_time=swing_time,
+            duration=duration,
             stance_share=stance_share,
             off_foot=off_foot if axes.forward_known else np.zeros(count),
         )
