@@ -17,8 +17,11 @@ from imu_rig.cli.analyze_reference import (
     FootprintsFile,
     Marker,
     Mirrored,
+    ReferenceColumns,
     ReferenceFile,
     ReferenceOptions,
+    ReferenceRate,
+    ReferenceUnit,
     beside_footprints,
     beside_reference,
 )
@@ -86,6 +89,9 @@ def foot(
     ] = "default",
     reference: ReferenceFile = None,
     marker: Marker = None,
+    reference_columns: ReferenceColumns = None,
+    reference_unit: ReferenceUnit = None,
+    reference_rate: ReferenceRate = None,
     search_offset: ClockSearch = 0.0,
     mirrored: Mirrored = False,
     fit_lever: FitLever = False,
@@ -128,7 +134,10 @@ def foot(
     way.check()
     if no_files and output is not None:
         raise InputError("Give either --output or --no-files, not both.")
-    beside = ReferenceOptions(reference, marker, search_offset, mirrored, fit_lever, footprints)
+    beside = ReferenceOptions(
+        reference, marker, search_offset, mirrored, fit_lever, footprints, reference_columns,
+        reference_unit, reference_rate,
+    )  # fmt: skip
     beside.check(len(files))
     wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local, beside)
     answers: list[dict[str, Any]] = []

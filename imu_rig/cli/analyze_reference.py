@@ -28,6 +28,19 @@ ReferenceFile = Annotated[
 Marker = Annotated[
     str | None, typer.Option("--marker", help="Which marker of the reference sits on the foot.")
 ]
+ReferenceColumns = Annotated[
+    str | None,
+    typer.Option(
+        "--reference-columns", help="Its columns of x, y and z by name or number, as X,Y,Z."
+    ),
+]
+ReferenceUnit = Annotated[
+    str | None, typer.Option("--reference-unit", help="Unit of its positions: m, cm or mm.")
+]
+ReferenceRate = Annotated[
+    float | None,
+    typer.Option("--reference-rate", help="Its samples per second, where it has no times."),
+]
 ClockSearch = Annotated[
     float,
     typer.Option(
@@ -64,6 +77,9 @@ class ReferenceOptions:
     mirrored: bool = False
     fit_lever: bool = False
     footprints: Path | None = None
+    columns: str | None = None
+    unit: str | None = None
+    rate_hz: float | None = None
 
     def check(self, files: int) -> None:
         """Refuse what contradicts itself before anything is read."""
@@ -71,8 +87,18 @@ class ReferenceOptions:
             raise InputError(
                 "--reference and --footprints are of one recording: analyse them one by one."
             )
-        if self.marker is not None and self.file is None:
-            raise InputError("--marker needs --reference beside it.")
+        about = {
+            "--marker": self.marker,
+            "--reference-columns": self.columns,
+            "--reference-unit": self.unit,
+            "--reference-rate": self.rate_hz,
+        }
+        if self.file is None:
+            for option, value in about.items():
+                if value is not None:
+                    raise InputError(f"{option} needs --reference beside it.")
+        if self.columns is not None and self.columns.count(",") != 2:
+            raise InputError("--reference-columns names three columns, as X,Y,Z.")
 
     def read(self) -> Reference | None:
         """Return the reference of the file, if one was given."""
@@ -80,7 +106,13 @@ class ReferenceOptions:
             return None
         from imu_rig.importing.optical import read_reference
 
-        return read_reference(self.file, marker=self.marker)
+        columns = None
+        if self.columns is not None:
+            x, y, z = (_column(part.strip()) for part in self.columns.split(","))
+            columns = (x, y, z)
+        return read_reference(
+            self.file, marker=self.marker, columns=columns, unit=self.unit, rate_hz=self.rate_hz
+        )
 
     def read_footprints(self) -> Footprints | None:
         """Return the footprints of the file, if one was given."""
@@ -89,6 +121,10 @@ class ReferenceOptions:
         from imu_rig.importing.footprints import read_footprints
 
         return read_footprints(self.footprints)
+
+
+def _column(text: str) -> str | int:
+    return int(text) if text.isascii() and text.isdigit() else text
 
 
 def beside_reference(
