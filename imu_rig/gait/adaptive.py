@@ -14,15 +14,45 @@ from imu_rig.units import STANDARD_GRAVITY
 
 
 def lookahead_s(options: StanceOptions = StanceOptions()) -> float:  # noqa: B008  (frozen)
-    """Return how much later data [s] the threshold of a sample depends on."""
-    return max(options.quiet_s, options.level_s) + 0.5 * options.window_s
+    """Return how much later data [s] what is said of a sample depends on."""
+    later = max(options.quiet_s + options.sprint_stride_s, options.level_s)
+    return later + 0.5 * options.window_s
 
 
-def stride_threshold(
+def detect_stance(
     t: FloatArray,
-    statistic: FloatArray,
+    accel: FloatArray,
+    gyro: FloatArray,
     options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
-) -> FloatArray:
+    gravity: float = STANDARD_GRAVITY,
+) -> ZeroVelocity:
+    """Tell when a foot stands, and how surely, sample by sample.
+
+    What is said of a piece of a recording is the same as of the whole, but for `lookahead_s` at
+    its ends.
+
+    Parameters
+    ----------
+    t : shape (n,)
+        Times [s], never decreasing.
+    accel, gyro : shape (n, 3)
+        [m/s^2], and [rad/s] without bias.
+    options : StanceOptions
+    gravity : float
+        [m/s^2]
+    """
+    motion = motion_statistic(t, accel, gyro, options.window_s, options, gravity)
+    statistic = motion
+    fast = _level(t, motion, options.sprint_stride_s) > options.sprint_level
+    if fast.any():
+        quick = motion_statistic(t, accel, gyro, options.sprint_window_s, options, gravity)
+        statistic = np.where(fast, quick, motion)
+    quietest = moving_minimum(t, statistic, options.quiet_s)
+    threshold = stride_threshold(quietest, _level(t, motion, options.level_s), options)
+    return stance(statistic, threshold, options)
+
+
+def stride_threshold(quietest: FloatArray, level: FloatArray, options: StanceOptions) -> FloatArray:
     """Return below what motion a foot stands, for each sample.
 
     The geometric middle between the quietest moment of the stride and the level of its motion,
@@ -31,24 +61,23 @@ def stride_threshold(
 
     Parameters
     ----------
-    t : shape (n,)
-        Times [s], never decreasing.
-    statistic : shape (n,)
-        `motion_statistic` [m/s].
+    quietest, level : shape (n,)
+        The least motion and the root mean square of all in the strides around a sample [m/s].
     options : StanceOptions
 
     Returns
     -------
     shape (n,)
-        [m/s]; of a piece of a recording the same as of the whole, except within `quiet_s` and
-        `level_s` of its ends.
+        [m/s]
     """
-    quietest = moving_minimum(t, statistic, options.quiet_s)
-    square = np.square(statistic)[:, np.newaxis]
-    level = np.sqrt(np.maximum(moving_mean(t, square, options.level_s)[:, 0], 0.0))
     middle = np.clip(np.sqrt(quietest * level), options.lowest, options.highest)
     sprint = np.minimum(options.sprint_ratio * quietest, options.sprint_share * level)
     return np.asarray(np.maximum(middle, np.minimum(sprint, options.sprint_highest)))
+
+
+def _level(t: FloatArray, statistic: FloatArray, reach_s: float) -> FloatArray:
+    square = np.square(statistic)[:, np.newaxis]
+    return np.asarray(np.sqrt(np.maximum(moving_mean(t, square, reach_s)[:, 0], 0.0)))
 
 
 def stance(
@@ -89,5 +118,4 @@ def zero_velocity(
     -------
     ZeroVelocity
     """
-    statistic = motion_statistic(block.t, block.accel, block.gyro, options, gravity)
-    return stance(statistic, stride_threshold(block.t, statistic, options), options)
+    return detect_stance(block.t, block.accel, block.gyro, options, gravity)

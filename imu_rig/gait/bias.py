@@ -13,11 +13,21 @@ import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.gait.grade import SensorGrade
-from imu_rig.gait.stills import Stills
+from imu_rig.gait.stills import Stills, drift_between
 
-WALKING_FACTOR = 2.0
-"""By which the filter's own uncertainty of the bias is too small: errors that repeat from stride
-to stride are no noise."""
+TURN_FACTOR = 2.0
+"""By which the filter's own uncertainty of the bias about the vertical is too small: errors of a
+swing that repeat from stride to stride, of a gyroscope that is askew or late, look like a bias."""
+
+TILT_FACTOR = 0.5
+"""By which that about horizontal axes is too large: gravity shows these at every stance, while the
+filter's noise is generous to swings."""
+
+
+RAW_SCALES = 6
+LARGEST_SHARE = 4.0
+"""A bias that was not taken off is of any size between a calibrated one and so many times the
+usual one; the axes that gravity shows tell which."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +53,15 @@ def fuse_gyro_bias(
     removed: FloatArray,
     walking: FloatArray,
     covariance: FloatArray,
+    up: FloatArray,
     stills: Stills,
     grade: SensorGrade,
 ) -> GyroBias:
     """Weigh what the strides, the stills and the grade of the sensor say of the bias.
 
-    The prior is a mixture of two normal distributions, with one switch for the three axes that the
-    marginal likelihood of the measurements decides.
+    The prior is a mixture of normal distributions of different width, one width for the three axes,
+    weighed by the marginal likelihood of the measurements: the two axes whose bias shows, because
+    gravity does, tell how large that about the vertical may be.
 
     Parameters
     ----------
@@ -59,26 +71,29 @@ def fuse_gyro_bias(
         Estimated by a filter with zero-velocity updates and a wide prior, after that [rad/s].
     covariance : shape (3, 3)
         Of it [rad^2/s^2].
+    up : shape (3,)
+        The vertical in the axes of the standing sensor.
     stills : Stills
         Of the readings as they were.
     grade : SensorGrade
     """
-    information = np.linalg.inv(WALKING_FACTOR**2 * covariance)
+    vertical = np.outer(up, up)
+    factor = TILT_FACTOR * (np.eye(3) - vertical) + TURN_FACTOR * vertical
+    information = np.linalg.inv(factor @ covariance @ factor)
     pointed = information @ (removed + walking)
-    for rate, sigma in zip(stills.rate, stills.sigma, strict=True):
-        information = information + np.eye(3) / sigma**2
-        pointed = pointed + rate / sigma**2
+    of_stills = stills.information(drift_between(stills))
+    information = information + of_stills.sum(axis=0)
+    pointed = pointed + np.einsum("kij,kj->i", of_stills, stills.rate)
     measured = np.linalg.solve(information, pointed)
     spread = np.linalg.inv(information)
 
-    components = [(1.0 - grade.raw_odds, grade.gyro_bias), (grade.raw_odds, grade.gyro_bias_raw)]
     logs, means, covariances = [], [], []
-    for odds, sigma in components:
+    for odds, sigma in _scales(grade):
         prior = sigma**2 * np.eye(3)
         total = prior + spread
         gain = prior @ np.linalg.inv(total)
         distance = measured @ np.linalg.solve(total, measured)
-        logs.append(np.log(max(odds, 1e-300)) - 0.5 * (np.linalg.slogdet(total)[1] + distance))
+        logs.append(np.log(odds) - 0.5 * (np.linalg.slogdet(total)[1] + distance))
         means.append(gain @ measured)
         covariances.append(prior - gain @ prior)
     weights = np.exp(np.array(logs) - max(logs))
@@ -87,4 +102,13 @@ def fuse_gyro_bias(
     mixed = np.zeros((3, 3))
     for weight, mean, part in zip(weights, means, covariances, strict=True):
         mixed += weight * (part + np.outer(mean - value, mean - value))
-    return GyroBias(value, 0.5 * (mixed + mixed.T), float(weights[1]))
+    return GyroBias(value, 0.5 * (mixed + mixed.T), float(weights[1:].sum()))
+
+
+def _scales(grade: SensorGrade) -> list[tuple[float, float]]:
+    """Return how probable which size of the bias is [rad/s]."""
+    scales = [(1.0 - grade.raw_odds, grade.gyro_bias)]
+    if grade.raw_odds > 0.0:
+        raw = np.geomspace(grade.gyro_bias, LARGEST_SHARE * grade.gyro_bias_raw, RAW_SCALES + 1)[1:]
+        scales += [(grade.raw_odds / RAW_SCALES, float(sigma)) for sigma in raw]
+    return [scale for scale in scales if scale[0] > 0.0]

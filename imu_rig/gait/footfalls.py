@@ -7,6 +7,8 @@ import numpy as np
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.gait.trajectory import Footfalls
 from imu_rig.gait.zero_velocity import ZeroVelocity
+from imu_rig.rotation import conjugate, multiply, to_rotation_vector
+from imu_rig.units import DEG
 
 NO_SWING_S = 0.1
 """A foot that leaves the ground is away for longer than this [s], even in a sprint (0.3 s)."""
@@ -16,6 +18,10 @@ LEAST_STRIDE_S = 0.35
 
 LEAST_SHARE = 0.55
 """A stride is longer than this part of the median one: people change pace, but not at once."""
+
+UNMOVED_M, UNTURNED = 0.03, 10.0 * DEG
+"""Who lifts a foot puts it down farther off than this, or turned by more [m, rad]; a third of a
+foot's width."""
 
 LONGEST_STRIDE_S = 3.0
 """What takes longer than this is standing and does not count for the median [s]."""
@@ -50,6 +56,44 @@ def find_footfalls(zero_velocity: ZeroVelocity, t: FloatArray) -> Footfalls:
     weight = _information(first, last, zero_velocity, t)
     kept = _strides_apart(t[quietest], weight)
     return Footfalls(first[kept], last[kept], quietest[kept])
+
+
+def merge_unmoved(
+    footfalls: Footfalls,
+    position: FloatArray,
+    quaternion: FloatArray,
+    statistic: FloatArray,
+) -> Footfalls:
+    """Return footfalls with those made one between which the foot went nowhere.
+
+    A stance can be torn by a shift of weight that looks like a step but in where it leads.
+
+    Parameters
+    ----------
+    footfalls : Footfalls
+    position : shape (n, 3)
+        Of the sensor [m], z up.
+    quaternion : shape (n, 4)
+        Its attitude.
+    statistic : shape (n,)
+        How much the foot moves; the lesser decides which moment is the quietest.
+    """
+    if len(footfalls) < 2:
+        return footfalls
+    rows = footfalls.quietest
+    moved = np.linalg.norm(np.diff(position[rows], axis=0), axis=1)
+    turn = multiply(quaternion[rows[1:]], conjugate(quaternion[rows[:-1]]))
+    turned = np.linalg.norm(to_rotation_vector(turn), axis=1)
+    stepped = (moved > UNMOVED_M) | (turned > UNTURNED)
+    begins = np.flatnonzero(np.concatenate(([True], stepped)))
+    ends = np.append(begins[1:], len(rows)) - 1
+    quietest = [
+        rows[a + int(np.argmin(statistic[rows[a : b + 1]]))]
+        for a, b in zip(begins, ends, strict=True)
+    ]
+    return Footfalls(
+        footfalls.first[begins], footfalls.last[ends], np.array(quietest, dtype=np.int64)
+    )
 
 
 def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:

@@ -19,6 +19,7 @@ class StanceOptions:
     window_s : float
         Over which motion is averaged [s]. A running foot rests for 60 to 80 ms: a longer window
         would mix in the strike, a shorter one would take a turning point of the swing for rest.
+        No even number of usual sample periods, so that jittery stamps keep the ends of the window.
     lever : float
         Height of the sensor above the ground about which a foot rolls [m]: it makes a velocity of
         an angular rate. On the instep of a shoe 0.06 to 0.12 m.
@@ -31,8 +32,14 @@ class StanceOptions:
         over that far. Together at least a stride of a runner (0.65 s), and of a stroller (1.3 s)
         at least one stance, wherever in the stride one looks from.
     lowest, highest : float
-        Bounds of the threshold [m/s]. Below 0.03 lies all that a standing foot does by itself;
-        above 0.25 the middle of a swing, where a foot moves smoothly, would be let in.
+        Bounds of the threshold [m/s]. Below 0.015 lies what a foot that stands with its owner's
+        weight on it does by itself, and the noise of any sensor. Above 0.15 a heel is rising: the
+        foot turns about its ball, faster than at 1.5 rad/s. In simulated slow gait as many samples
+        above it belong to swings as to stances.
+    sprint_level, sprint_stride_s, sprint_window_s : float
+        Where the level of motion, over so many seconds to either side as such a stride takes,
+        exceeds the first [m/s], as from runs at 4 m/s on, motion is averaged over the last only
+        [s]: a sprinter's foot rests for some 20 ms.
     sprint_ratio, sprint_highest, sprint_share : float
         The quietest moment of each stride counts even above `highest`, up to this multiple of it,
         as long as it is below so many m/s and below that share of the level around: of a sprinter
@@ -45,13 +52,16 @@ class StanceOptions:
         The least such uncertainty [m/s]: what a flat foot in a shoe on a carpet creeps.
     """
 
-    window_s: float = 0.05
+    window_s: float = 0.055
     lever: float = 0.1
     settling_s: float = 0.0175
     quiet_s: float = 0.6
     level_s: float = 1.0
-    lowest: float = 0.03
-    highest: float = 0.25
+    lowest: float = 0.015
+    highest: float = 0.15
+    sprint_level: float = 1.0
+    sprint_stride_s: float = 0.4
+    sprint_window_s: float = 0.022
     sprint_ratio: float = 1.3
     sprint_highest: float = 1.0
     sprint_share: float = 0.5

@@ -10,25 +10,23 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
-from imu_rig.gait.adaptive import stance, stride_threshold
+from imu_rig.gait.adaptive import detect_stance
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias
-from imu_rig.gait.footfalls import find_footfalls
+from imu_rig.gait.covariance import track_covariance
+from imu_rig.gait.filter_inputs import foot_inputs, foot_model
+from imu_rig.gait.fitness import check_recording, check_track
+from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M, floor_steps
 from imu_rig.gait.mounting import find_foot_axes, first_heading
 from imu_rig.gait.options import FootOptions
 from imu_rig.gait.start import first_attitude
-from imu_rig.gait.statistic import motion_statistic
 from imu_rig.gait.stills import find_stills, rough_gyro_bias
 from imu_rig.gait.trajectory import Footfalls, FootTrack, Trajectory
+from imu_rig.gait.unseen import unseen_motion
 from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.kernels.foot_filter import smooth_foot_states
-from imu_rig.kernels.foot_types import FootInputs, FootModel, FootStates
-from imu_rig.units import DEG
-
-WIDE_BIAS = 1.0 * DEG
-"""Prior of the gyroscope's bias in the first pass [rad/s]: what is left of one found in stills,
-or that of an uncalibrated sensor in a recording without stills."""
+from imu_rig.kernels.foot_types import FootInputs, FootStates
 
 
 class Detects(Protocol):
@@ -76,16 +74,14 @@ def smooth_foot(
         If there are too few samples, a reading is no number, or the foot never stands.
     """
     grade = SensorGrade() if grade is None else grade
-    _require_usable(block)
+    notes = check_recording(block, gravity=options.gravity)
     t, accel = block.t, np.ascontiguousarray(block.accel, dtype=float)
     stills = find_stills(t, accel, block.gyro)
     rough = rough_gyro_bias(stills)
     gyro = np.ascontiguousarray(block.gyro - rough)
-    motion = motion_statistic(t, accel, gyro, options.stance, options.gravity)
-    if detector is None:
-        threshold = stride_threshold(t, motion, options.stance)
-        zero_velocity = stance(motion, threshold, options.stance)
-    else:
+    zero_velocity = detect_stance(t, accel, gyro, options.stance, options.gravity)
+    first, quietest = first_attitude(t, accel, gyro, zero_velocity.statistic)
+    if detector is not None:
         zero_velocity = _detected(replace(block, gyro=gyro), detector)
     footfalls = find_footfalls(zero_velocity, t)
     if len(footfalls) == 0:
@@ -93,28 +89,25 @@ def smooth_foot(
             "the foot never stands in this recording; record with the sensor on a foot, and begin "
             "and end with a second of standing"
         )
-    first, quietest = first_attitude(t, accel, gyro, motion)
-    inputs = _inputs(t, accel, gyro, zero_velocity, first, options)
     up = accel[quietest] / np.linalg.norm(accel[quietest])
-    model = _model(options, grade, up)
+    inputs = foot_inputs(t, accel, gyro, zero_velocity, first, options, unseen_motion(block))
+    model = foot_model(options, grade, up)
 
     free = smooth_foot_states(inputs, model, estimate_gyro_bias=True)
-    bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, stills, grade)
+    bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
+    footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
     inputs = inputs._replace(gyro=gyro - (bias.value - rough))
     if options.level != "never":
         inputs = _with_floor(inputs, footfalls, free.position[:, 2], options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
-    return _track(t, states, zero_velocity, footfalls, bias)
-
-
-def _require_usable(block: ImuBlock) -> None:
-    if len(block) < 3:
-        raise DataError("the recording has fewer than 3 samples; nothing can be said of a foot")
-    for name, values in (("times", block.t), ("accel", block.accel), ("gyro", block.gyro)):
-        if not np.isfinite(values).all():
-            raise DataError(f"{name} of the recording hold values that are no numbers; remove them")
-    if (np.diff(block.t) < 0.0).any():
-        raise DataError("the recording's times go back; sort its samples or mend the clock")
+    track = _track(t, states, zero_velocity, footfalls, bias)
+    notes = (*notes, *track.notes, *check_track(track, block, gravity=options.gravity))
+    if not covariance:
+        return replace(track, notes=notes)
+    uncertainty = track_covariance(
+        track.trajectory, states, inputs, model, footfalls, bias.covariance, grade
+    )
+    return replace(track, notes=notes, covariance=uncertainty)
 
 
 def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
@@ -123,60 +116,6 @@ def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
 
         detector = detector_named(detector)
     return detector.detect(block)
-
-
-def _inputs(
-    t: FloatArray,
-    accel: FloatArray,
-    gyro: FloatArray,
-    zero_velocity: ZeroVelocity,
-    first: FloatArray,
-    options: FootOptions,
-) -> FootInputs:
-    n = len(t)
-    dt = np.diff(t, prepend=t[0])
-    nothing = np.full(n, np.inf)
-    step = np.zeros(n)
-    step[0] = FREE_M
-    return FootInputs(
-        dt=dt,
-        gyro=gyro,
-        accel=accel,
-        velocity_sigma=zero_velocity.sigma * np.sqrt(_share(t, options.correlated_s)),
-        rest_sigma=nothing,
-        floor_sigma=nothing,
-        floor_step=step,
-        q0=first,
-        v0=np.zeros(3),
-    )
-
-
-def _share(t: FloatArray, correlated_s: float) -> FloatArray:
-    """Return by how many samples each is outnumbered within the time that errors last, (n,)."""
-    spacing = np.empty(len(t))
-    spacing[1:-1] = 0.5 * (t[2:] - t[:-2])
-    spacing[0], spacing[-1] = t[1] - t[0], t[-1] - t[-2]
-    return np.asarray(correlated_s / np.clip(spacing, 1e-6, correlated_s))
-
-
-def _model(options: FootOptions, grade: SensorGrade, up: FloatArray) -> FootModel:
-    return FootModel(
-        gravity=options.gravity,
-        gyro_noise=options.gyro_noise if grade.gyro_noise is None else grade.gyro_noise,
-        gyro_motion=options.gyro_motion,
-        accel_noise=options.accel_noise if grade.accel_noise is None else grade.accel_noise,
-        accel_motion=options.accel_motion,
-        tilt_prior=options.tilt_sigma,
-        velocity_prior=options.speed_sigma,
-        gyro_bias_prior=np.full(3, WIDE_BIAS),
-        gyro_bias_walk=0.0,
-        accel_bias_prior=grade.accel_bias,
-        accel_bias_walk=options.accel_bias_walk,
-        pivot_prior=options.pivot_m * up,
-        pivot_sigma=options.pivot_sigma_m,
-        gate=options.gate,
-        gate_cap=options.gate_cap,
-    )
 
 
 def _with_floor(

@@ -14,6 +14,7 @@ def motion_statistic(
     t: FloatArray,
     accel: FloatArray,
     gyro: FloatArray,
+    window_s: float,
     options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
     gravity: float = STANDARD_GRAVITY,
 ) -> FloatArray:
@@ -32,7 +33,10 @@ def motion_statistic(
         Specific force [m/s^2].
     gyro : shape (n, 3)
         Angular rate without its bias [rad/s].
+    window_s : float
+        Length of the window, centred on its sample [s].
     options : StanceOptions
+        Of which `lever` and `settling_s` are used.
     gravity : float
         [m/s^2]
 
@@ -45,7 +49,7 @@ def motion_statistic(
     columns[:, :3] = accel
     columns[:, 3] = np.einsum("ij,ij->i", accel, accel)
     columns[:, 4] = np.einsum("ij,ij->i", gyro, gyro)
-    mean = moving_mean(t, columns, 0.5 * options.window_s)
+    mean = moving_mean(t, columns, 0.5 * window_s)
     size = np.sqrt(np.einsum("ij,ij->i", mean[:, :3], mean[:, :3]))
     # |f - g u|^2 on average, multiplied out.
     force = np.maximum(mean[:, 3] - 2.0 * gravity * size + gravity**2, 0.0)

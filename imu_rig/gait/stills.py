@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from imu_rig.gait.footfalls import runs
 from imu_rig.units import DEG
 
@@ -22,12 +22,29 @@ tenth of what a stance in walking has."""
 NOISE_MARGIN = 1.5
 """Of the sensor's noise, so much more may be in a window by chance and by vibration."""
 
-CREEP_SHARE = 3.0
-"""A foot that tilts by some angle in a still may well have turned about the vertical by so many
-times that."""
+TURN_SHARE = 1.0
+"""A foot that stands turns about the vertical, unseen, about as far as it tilts, which the
+accelerometer sees."""
 
-LEAST_CREEP = 0.1 * DEG
-"""That a standing foot creeps at least [rad]."""
+LEAST_TURN = 0.1 * DEG
+"""That far at least [rad]."""
+
+TILT_SIGMA = 0.1 * DEG
+"""To which the accelerometer tells a change of tilt of a standing foot [rad]: of its own noise and
+the sway of the foot's owner."""
+
+LARGEST_BIAS = 10.0 * DEG
+"""What turns faster turns, however evenly [rad/s]: no gyroscope in use is that far off."""
+
+OUTLIER = 6.0
+"""A still so many sigma from what the others say was none ..."""
+
+DRIFT = 0.1 * DEG
+"""... where a bias may well change by this in a recording, as a sensor warms up [rad/s]."""
+
+LEAST_DRIFT = 0.02 * DEG
+"""By which the bias of a walking foot differs from that of a standing one at least [rad/s], of
+bias instability and of vibration."""
 
 SUBTRACT_SIGMA = 3.0
 SUBTRACT_FLOOR = 0.1 * DEG
@@ -48,8 +65,11 @@ class Stills:
         [s]
     rate : shape (k, 3)
         Mean reading of the gyroscope less what the accelerometer saw of a turn [rad/s].
-    sigma : shape (k,)
-        Standard uncertainty of "this is the bias", each axis [rad/s].
+    up : shape (k, 3)
+        The vertical in sensor axes.
+    tilt_sigma, turn_sigma : shape (k,)
+        Standard uncertainties of "this is the bias" about horizontal axes and about the vertical
+        [rad/s].
     """
 
     begin: IntArray
@@ -57,7 +77,26 @@ class Stills:
     t: FloatArray
     duration: FloatArray
     rate: FloatArray
-    sigma: FloatArray
+    up: FloatArray
+    tilt_sigma: FloatArray
+    turn_sigma: FloatArray
+
+    def __getitem__(self, rows: AnyArray) -> Stills:
+        """Return the stills that ``rows`` (a mask or index array) selects."""
+        return Stills(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    def information(self, drift: float = 0.0) -> FloatArray:
+        """Return the inverse covariances of the rates, shape (k, 3, 3) [s^2/rad^2].
+
+        Each taken for a bias that may have been off by ``drift`` [rad/s] per axis at that time.
+        """
+        vertical = self.up[:, :, np.newaxis] * self.up[:, np.newaxis, :]
+        flat = 1.0 / (np.square(self.tilt_sigma) + drift**2)
+        turn = 1.0 / (np.square(self.turn_sigma) + drift**2)
+        return np.asarray(
+            flat[:, np.newaxis, np.newaxis] * np.eye(3)
+            + (turn - flat)[:, np.newaxis, np.newaxis] * vertical
+        )
 
     def __len__(self) -> int:
         """Return the number of stills."""
@@ -68,6 +107,8 @@ class Stills:
 class _Cells:
     edges: IntArray
     """Rows at which cells begin, and the end, shape (c + 1,)."""
+    middle: FloatArray
+    duration: FloatArray
     count: FloatArray
     rate: FloatArray
     force: FloatArray
@@ -93,17 +134,30 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
     first, last = runs(quiet)
     longer = last > first
     first, last = first[longer], last[longer]
-    begin, end = cells.edges[first], cells.edges[last + 1]
+    if len(first) == 0:
+        none = np.empty((0, 3))
+        return Stills(first, first, np.empty(0), np.empty(0), none, none, np.empty(0), np.empty(0))
+    # From the middle of the first cell to that of the last one, between which the tilt is read.
+    middle = cells.middle
+    duration = middle[last] - middle[first]
+    swept = cells.rate / cells.count[:, np.newaxis] * cells.duration[:, np.newaxis]
+    turned = _over(swept, first, last) - 0.5 * (swept[first] + swept[last])
+    rate = (turned - _turn_seen(cells, first, last)) / duration[:, np.newaxis]
+    up, wander = _tilt(cells, first, last)
     count = _over(cells.count, first, last)
-    rate = _over(cells.rate, first, last) / count[:, np.newaxis]
-    square = _over(cells.rate_square, first, last) / count
-    spread = np.sqrt(np.maximum(square - np.einsum("ij,ij->i", rate, rate), 0.0) / 3.0)
-    duration = np.maximum(t[end - 1] - t[begin], CELL_S) if len(end) else np.empty(0)
-    turn = _turn_seen(cells, first, last)
-    creep = np.maximum(CREEP_SHARE * np.linalg.norm(turn, axis=1), LEAST_CREEP)
-    sigma = np.hypot(creep / duration, spread * np.sqrt(CELL_S / duration))
-    middle = 0.5 * (t[begin] + t[end - 1]) if len(end) else np.empty(0)
-    return Stills(begin, end, middle, duration, rate - turn / duration[:, np.newaxis], sigma)
+    noise = NOISE_MARGIN * _noise(gyro) / np.sqrt(count)
+    turn = np.maximum(TURN_SHARE * wander, LEAST_TURN)
+    stills = Stills(
+        cells.edges[first],
+        cells.edges[last + 1],
+        0.5 * (middle[first] + middle[last]),
+        duration,
+        rate,
+        up,
+        tilt_sigma=np.hypot(TILT_SIGMA / duration, noise),
+        turn_sigma=np.hypot(turn / duration, noise),
+    )
+    return _consistent(stills)
 
 
 def rough_gyro_bias(stills: Stills) -> FloatArray:
@@ -113,11 +167,56 @@ def rough_gyro_bias(stills: Stills) -> FloatArray:
     """
     if len(stills) == 0:
         return np.zeros(3)
-    weight = 1.0 / np.square(stills.sigma)
-    bias = np.asarray(weight @ stills.rate / weight.sum())
-    sigma = float(weight.sum() ** -0.5)
+    bias, covariance = _mean(stills)
+    sigma = np.sqrt(np.trace(covariance))
     worth = np.linalg.norm(bias) > np.hypot(SUBTRACT_SIGMA * sigma, SUBTRACT_FLOOR)
     return bias if worth else np.zeros(3)
+
+
+def drift_between(stills: Stills) -> float:
+    """Return by how much the bias wandered between stills, standard deviation per axis [rad/s].
+
+    What the rates about horizontal axes, which are measured best, scatter beyond their own
+    uncertainties: the estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986) for
+    the variance between groups.
+    """
+    if len(stills) < 2:
+        return LEAST_DRIFT
+    weight = stills.tilt_sigma**-2.0
+    flat = stills.rate - np.einsum("ki,ki->k", stills.rate, stills.up)[:, np.newaxis] * stills.up
+    off = flat - weight @ flat / weight.sum()
+    excess = weight @ np.einsum("ki,ki->k", off, off) - 2.0 * (len(stills) - 1)
+    scale = 2.0 * (weight.sum() - np.square(weight).sum() / weight.sum())
+    return float(max(np.sqrt(max(excess, 0.0) / scale), LEAST_DRIFT))
+
+
+def _mean(stills: Stills) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted mean rate (3,) and its covariance (3, 3)."""
+    information = stills.information()
+    covariance = np.linalg.inv(information.sum(axis=0))
+    pointed = np.einsum("kij,kj->i", information, stills.rate)
+    return np.asarray(covariance @ pointed), covariance
+
+
+def _consistent(stills: Stills) -> Stills:
+    """Leave out what turns evenly, as a sensor on a turntable, and what does not fit the rest."""
+    stills = stills[np.linalg.norm(stills.rate, axis=1) < LARGEST_BIAS]
+    while len(stills) > 1:
+        weight = stills.information(DRIFT)
+        covariance = np.linalg.inv(weight)
+        others = weight.sum(axis=0) - weight
+        pointed = np.einsum("kij,kj->ki", weight, stills.rate)
+        centre = np.linalg.solve(others, (pointed.sum(axis=0) - pointed)[..., np.newaxis])[..., 0]
+        off = stills.rate - centre
+        spread = covariance + np.linalg.inv(others)
+        far = np.einsum("ki,ki->k", off, np.linalg.solve(spread, off[..., np.newaxis])[..., 0])
+        if far.max() < OUTLIER**2:
+            break
+        # Of two that differ both are far from each other: the lesser one goes.
+        size = np.einsum("kii->k", weight)
+        suspects = np.flatnonzero(far > 0.9 * far.max())
+        stills = stills[np.arange(len(stills)) != suspects[np.argmin(size[suspects])]]
+    return stills
 
 
 def _cut(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> _Cells:
@@ -127,7 +226,8 @@ def _cut(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> _Cells:
     edges = np.unique(np.searchsorted(t, marks))
     if len(edges) < 2:
         none = np.empty((0, 3))
-        return _Cells(np.zeros(1, np.int64), *(np.empty(0), none, none, np.empty(0), np.empty(0)))
+        empty = np.empty(0)
+        return _Cells(np.zeros(1, np.int64), empty, empty, empty, none, none, empty, empty)
     columns = np.empty((edges[-1], 8))
     columns[:, :3] = gyro[: edges[-1]]
     columns[:, 3:6] = accel[: edges[-1]]
@@ -135,7 +235,11 @@ def _cut(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> _Cells:
     columns[:, 7] = np.einsum("ij,ij->i", columns[:, 3:6], columns[:, 3:6])
     sums = np.add.reduceat(columns, edges[:-1], axis=0)
     count = np.diff(edges).astype(float)
-    return _Cells(edges, count, sums[:, :3], sums[:, 3:6], sums[:, 6], sums[:, 7])
+    begin, end = t[edges[:-1]], t[np.minimum(edges[1:], len(t) - 1)]
+    middle = 0.5 * (begin + end)
+    return _Cells(
+        edges, middle, end - begin, count, sums[:, :3], sums[:, 3:6], sums[:, 6], sums[:, 7]
+    )
 
 
 def _quiet_cells(cells: _Cells, rate_noise: float, force_noise: float) -> BoolArray:
@@ -176,10 +280,19 @@ def _over(per_cell: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
     return np.asarray(total[last + 1] - total[first])
 
 
+def _tilt(cells: _Cells, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return where up is in each still (k, 3), and how far it wanders about an axis [rad], (k,)."""
+    up = cells.force / np.linalg.norm(cells.force, axis=1, keepdims=True)
+    mean = _over(up, first, last) / (last - first + 1)[:, np.newaxis]
+    size = np.linalg.norm(mean, axis=1)
+    # Of unit vectors about their mean: 1 - |mean|^2 is the sum of the variances of both axes.
+    number = last - first + 1
+    variance = 0.5 * np.maximum(1.0 - size**2, 0.0) * number / np.maximum(number - 1, 1)
+    return mean / size[:, np.newaxis], np.sqrt(2.0 * variance)
+
+
 def _turn_seen(cells: _Cells, first: IntArray, last: IntArray) -> FloatArray:
     """Return by how much each still turned about horizontal axes, sensor axes [rad], (k, 3)."""
-    if len(first) == 0:
-        return np.empty((0, 3))
     up = cells.force / np.linalg.norm(cells.force, axis=1, keepdims=True)
     # The vertical turns the other way in the axes of what turns.
     return np.asarray(np.cross(up[last], up[first]))
