@@ -90,10 +90,15 @@ class Unseen:
 
 
 def find_gaps(block: ImuBlock) -> Gaps:
-    """Return where samples are missing; a sample that repeats the one before counts as missing."""
+    """Return where samples are missing.
+
+    A sample of a moving foot that repeats the one before counts as missing; a foot that stands may
+    well read the same for a while.
+    """
     t, values = block.t, np.hstack((block.accel, block.gyro))
+    moves = np.einsum("ij,ij->i", block.gyro, block.gyro) > REST_RATE**2
     fresh = np.ones(len(t), dtype=bool)
-    fresh[1:] = np.any(values[1:] != values[:-1], axis=1)
+    fresh[1:] = ~moves[1:] | np.any(values[1:] != values[:-1], axis=1)
     rows = np.flatnonzero(fresh)
     dt = np.diff(t[rows])
     positive = dt[dt > 0.0]
