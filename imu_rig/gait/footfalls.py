@@ -19,9 +19,9 @@ LEAST_STRIDE_S = 0.35
 LEAST_SHARE = 0.55
 """A stride is longer than this part of the median one: people change pace, but not at once."""
 
-UNMOVED_M, UNTURNED = 0.03, 10.0 * DEG
-"""Who lifts a foot puts it down farther off than this, or turned by more [m, rad]; a third of a
-foot's width."""
+UNMOVED_M, UNTURNED = 0.05, 10.0 * DEG
+"""Who lifts a foot puts it down farther off than this, half its width, or turned about the vertical
+by more [m, rad]. A foot that rolls from its heel to its sole moves the sensor by less."""
 
 LONGEST_STRIDE_S = 3.0
 """What takes longer than this is standing and does not count for the median [s]."""
@@ -83,7 +83,7 @@ def merge_unmoved(
     rows = footfalls.quietest
     moved = np.linalg.norm(np.diff(position[rows], axis=0), axis=1)
     turn = multiply(quaternion[rows[1:]], conjugate(quaternion[rows[:-1]]))
-    turned = np.linalg.norm(to_rotation_vector(turn), axis=1)
+    turned = np.abs(to_rotation_vector(turn)[:, 2])
     stepped = (moved > UNMOVED_M) | (turned > UNTURNED)
     begins = np.flatnonzero(np.concatenate(([True], stepped)))
     ends = np.append(begins[1:], len(rows)) - 1
