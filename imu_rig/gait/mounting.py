@@ -2,8 +2,9 @@
 
 A foot that lies on the ground shows by gravity which way is up; where it goes from there to its
 next footfall shows which way is forward. Whatever the mounting, no person has to align anything.
-A foot that points outward as its owner walks is described with x along the walk, not along the
-shoe: from strides alone the two cannot be told apart.
+Knees bend one way only: in its swing a foot hangs toe down far more than it is held toe up, so a
+person who walks backward is told from one who walks forward. A foot that points outward as its
+owner walks is described with x along the walk, not along the shoe: the two are not told apart.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.gait.trajectory import Footfalls, Trajectory
-from imu_rig.rotation import conjugate, rotate, to_matrix
+from imu_rig.rotation import about_z, conjugate, rotate, to_matrix
 from imu_rig.units import DEG
 
 SHORTEST_M = 0.10
 """A foot that is put elsewhere by less than half its own width may have gone anywhere."""
+TOE_UP, MORE = float(np.sin(30.0 * DEG)), 1.3
+"""A foot that swings toe up by more than 30 deg, and by so many times what it hangs toe down, was
+taken for its reverse: a shuffling one does neither."""
 WIDEST = 40.0 * DEG
 """Typical deviation between strides above which there is no direction that they share."""
 
@@ -84,9 +88,10 @@ def find_foot_axes(trajectory: Trajectory, footfalls: Footfalls) -> FootAxes:
     off = np.abs(_wrapped(angles - middle))
     spread = 1.4826 * float(np.median(off)) if len(off) > 1 else float("nan")
     known = len(off) == 1 or spread < WIDEST
-    cos, sin = np.cos(middle), np.sin(middle)
-    about = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return FootAxes(about @ level, len(angles), spread, forward_known=known)
+    rotation = about_z(-middle) @ level
+    if known and _swings_toe_up(trajectory.quaternion, rows, rotation[0]):
+        rotation = rotation * np.array([[-1.0], [-1.0], [1.0]])
+    return FootAxes(rotation, len(angles), spread, forward_known=known)
 
 
 def foot_matrices(quaternion: FloatArray, axes: FootAxes) -> FloatArray:
@@ -115,6 +120,17 @@ def _directions(
     mean = _each_unit(leaving) + _each_unit(coming)
     far = (length >= SHORTEST_M) & (np.linalg.norm(mean, axis=1) > 0.5)
     return np.arctan2(mean[far, 1], mean[far, 0]), length[far]
+
+
+def _swings_toe_up(quaternion: FloatArray, rows: IntArray, x: FloatArray) -> bool:
+    """Whether x (3,), sensor axes, rises in swings more than it falls, so that it is the heel."""
+    w, i, j, k = quaternion[rows[0] : rows[-1] + 1].T
+    # the z component of rotate(quaternion, x), which is all that is needed of so many samples
+    rising = 2.0 * ((i * k - w * j) * x[0] + (j * k + w * i) * x[1] - (i * i + j * j) * x[2]) + x[2]
+    begins = rows[:-1] - rows[0]
+    down = -float(np.median(np.minimum.reduceat(rising, begins)))
+    up = float(np.median(np.maximum.reduceat(rising, begins)))
+    return up > TOE_UP and up > MORE * down
 
 
 def _weighted_median_angle(angles: FloatArray, weights: FloatArray) -> float:

@@ -1,10 +1,13 @@
 """The axes of a foot from its own motion, however the sensor was put on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from true_tracks import true_track, walk_of
 
 from imu_rig.gait.mounting import find_foot_axes, first_heading, foot_matrices
+from imu_rig.gait.strides import gait_parameters
 from imu_rig.gait.trajectory import Footfalls, Trajectory
 from imu_rig.rotation import from_rotation_vector, to_matrix, vector_of_matrix
 from imu_rig.units import DEG
@@ -55,6 +58,30 @@ def test_a_track_turned_by_its_first_heading_sets_out_along_x():
     assert x == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
     way = level.position[-1] - level.position[row]
     assert abs(np.arctan2(way[1], way[0])) < 5 * DEG
+
+
+@pytest.mark.parametrize("turn", MOUNTINGS)
+def test_who_walks_backward_still_has_the_toes_in_front(turn):
+    """A walk run backward in time: the same axes, every stride a backward one."""
+    placement = Placement((-0.08, 0.0, 0.075), turn)
+    track = true_track(walk_of(Straight(6.0)), placement=placement)
+    there, falls, n = track.trajectory, track.footfalls, len(track.trajectory)
+    back = replace(
+        track,
+        trajectory=Trajectory(
+            there.t, there.quaternion[::-1], -there.velocity[::-1], there.position[::-1]
+        ),
+        footfalls=Footfalls(
+            *(n - 1 - at[::-1] for at in (falls.last, falls.first, falls.quietest))
+        ),
+    )
+    forward = find_foot_axes(there, falls).rotation
+    assert find_foot_axes(back.trajectory, back.footfalls).rotation == pytest.approx(
+        forward, abs=0.02
+    )
+    strides = gait_parameters(back)
+    assert set(strides.kind) == {"backward"}
+    assert not strides.walking.any()
 
 
 def test_a_foot_that_goes_nowhere_points_nowhere():
