@@ -10,24 +10,33 @@ through the smoother).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imu_rig.arrays import FloatArray, IntArray
+from imu_rig.gait.bias import GyroBias
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.trajectory import Footfalls, Trajectory, TrajectoryCovariance
 from imu_rig.kernels.foot_covariance import ERRORS, N, smoothed_covariance
 from imu_rig.kernels.foot_types import FootInputs, FootModel, FootStates
 from imu_rig.rotation import to_matrix
+from imu_rig.units import DEG
 
 LEAST_FACTOR = 0.01
 """Of the variances of noise: a tenth of the noise that the smoother allows for. It allows for feet
 that slip and sensors that lag; feet and sensors that do neither still have that much left."""
 
-LEAST_VELOCITY = 0.008
-"""A foot that stands moves inside of its shoe, and a shoe is not rigid [m/s]."""
+LEAST_VELOCITY = 0.005
+"""A foot that stands moves inside of its shoe, and a shoe is not rigid: what the zero-velocity
+updates trust at best [m/s]."""
 
 LEAST_HEIGHT = 0.005
 """So much do floors differ from level, and soles from flat [m]."""
+
+CALIBRATED_BIAS = 0.1 * DEG
+"""A gyroscope's bias of a sensor whose gains and axes are within some tenths of a percent
+[rad/s]. Over the grades of sensors, gains improve with the root of biases."""
 
 ROW_S = 1.0
 """Longest time between two rows [s]."""
@@ -42,7 +51,7 @@ def track_covariance(
     inputs: FootInputs,
     model: FootModel,
     footfalls: Footfalls,
-    gyro_bias_covariance: FloatArray,
+    bias: GyroBias,
     grade: SensorGrade,
 ) -> TrajectoryCovariance:
     """Return the covariance of a trajectory that a smoother made with the gyro bias held fixed.
@@ -54,8 +63,8 @@ def track_covariance(
     states, inputs, model : FootStates, FootInputs, FootModel
         Of the pass that made it; the gyroscope without bias.
     footfalls : Footfalls
-    gyro_bias_covariance : shape (3, 3)
-        Of the bias that was taken off [rad^2/s^2], sensor axes.
+    bias : GyroBias
+        What was taken off the gyroscope.
     grade : SensorGrade
         How wrong gains, axes and accelerometer biases of such a sensor are.
     """
@@ -70,13 +79,14 @@ def track_covariance(
     falls = np.zeros(m, dtype=np.bool_)
     at_falls = np.searchsorted(rows, footfalls.quietest)
     falls[at_falls] = True
+    level_row = int(footfalls.quietest[0]) if len(footfalls) else 0
+    grade = believed_grade(grade, bias, states.accel_bias, force[level_row])
     errors = np.concatenate(
         (
-            _root(gyro_bias_covariance).ravel(),
+            _root(bias.covariance).ravel(),
             [grade.gyro_matrix, grade.accel_matrix, grade.accel_bias],
         )
     )
-    level_row = int(footfalls.quietest[0]) if len(footfalls) else 0
     begin = _begin(inputs, model, grade, quaternion[level_row], force[level_row])
     process = (model.gyro_noise, model.gyro_motion, model.accel_noise, model.accel_motion)
     smoothed_covariance(
@@ -102,6 +112,38 @@ def track_covariance(
     strides = factor * between[at_falls[:-1]] + common.transpose(0, 2, 1) @ common
     strides[:, 2, 2] += 2.0 * LEAST_HEIGHT**2
     return TrajectoryCovariance(rows, _even(values), _even(strides), common)
+
+
+def believed_grade(
+    grade: SensorGrade, bias: GyroBias, accel_bias: FloatArray, up: FloatArray
+) -> SensorGrade:
+    """Return what to think of a sensor that showed itself worse than was thought of it.
+
+    Of gains and axes a recording says little, and of an accelerometer's bias only what points up;
+    but a sensor that is badly off in what does show is so in what does not. One that was
+    calibrated is what its certificate says.
+
+    Parameters
+    ----------
+    grade : SensorGrade
+        Before the recording.
+    bias : GyroBias
+    accel_bias : shape (n, 3)
+        As estimated [m/s^2].
+    up : shape (3,)
+        Any vector that points up, sensor axes.
+    """
+    if grade.raw_odds == 0.0:
+        return grade
+    turning = float(np.sqrt(np.mean(np.square(bias.value))))
+    worse = max(1.0, (turning / CALIBRATED_BIAS) ** 0.5)
+    seen = float(accel_bias.mean(axis=0) @ up / np.linalg.norm(up))
+    return replace(
+        grade,
+        gyro_matrix=worse * grade.gyro_matrix,
+        accel_matrix=worse * grade.accel_matrix,
+        accel_bias=float(np.hypot(worse * grade.accel_bias, seen)),
+    )
 
 
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:

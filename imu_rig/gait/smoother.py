@@ -98,15 +98,13 @@ def smooth_foot(
     footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
     inputs = inputs._replace(gyro=gyro - (bias.value - rough))
     if options.level != "never":
-        inputs = _with_floor(inputs, footfalls, free.position[:, 2], options)
+        inputs = _with_floor(inputs, footfalls, free.position, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(t, states, zero_velocity, footfalls, bias)
     notes = (*notes, *track.notes, *check_track(track, block, gravity=options.gravity))
     if not covariance:
         return replace(track, notes=notes)
-    uncertainty = track_covariance(
-        track.trajectory, states, inputs, model, footfalls, bias.covariance, grade
-    )
+    uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)
     return replace(track, notes=notes, covariance=uncertainty)
 
 
@@ -119,13 +117,13 @@ def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
 
 
 def _with_floor(
-    inputs: FootInputs, footfalls: Footfalls, height: FloatArray, options: FootOptions
+    inputs: FootInputs, footfalls: Footfalls, position: FloatArray, options: FootOptions
 ) -> FootInputs:
     rows = footfalls.quietest
     sigma = np.full(len(inputs.dt), np.inf)
     sigma[rows] = options.flat_m
     step = np.zeros(len(inputs.dt))
-    step[rows] = floor_steps(height[rows], options)
+    step[rows] = floor_steps(position[rows], options)
     step[0] = FREE_M
     return inputs._replace(floor_sigma=sigma, floor_step=step)
 
