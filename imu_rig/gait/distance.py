@@ -139,6 +139,11 @@ def walk_distance(
     detector = detector_named(options.detector)
     removal = GravityRemoval(options.gain, options.gravity, magnetometer=options.magnetometer)
     parts = removal.update(block), removal.finish()
+    if not WORLDLY[0] < removal.rest_force / options.gravity < WORLDLY[1]:
+        raise DataError(
+            f"the specific force at rest is {removal.rest_force:.3g} m/s^2 and should be near "
+            f"{options.gravity:.2f}; name the right unit of the accelerometer"
+        )
     quaternion = np.concatenate([part.quaternion for part in parts])
     acceleration = np.concatenate([part.acceleration for part in parts])
     if zero_velocity is None:
@@ -248,12 +253,6 @@ def _check(block: ImuBlock) -> None:
         )
     if np.any(np.diff(block.t) < 0.0):
         raise DataError("the time stamps go back; sort the recording or cut it there")
-    size = float(np.median(np.linalg.norm(block.accel, axis=1))) / STANDARD_GRAVITY
-    if not WORLDLY[0] < size < WORLDLY[1]:
-        raise DataError(
-            f"the specific force is {size * STANDARD_GRAVITY:.3g} m/s^2 most of the time and "
-            f"should be near {STANDARD_GRAVITY:.2f}: name the right unit of the accelerometer"
-        )
 
 
 def _check_phases(block: ImuBlock, still: BoolArray, found: ZeroVelocity) -> None:
@@ -278,7 +277,7 @@ def _doubts(doubt: FloatArray, position: FloatArray) -> list[str]:
         return []
     return [
         f"The velocity does not come back to zero at the ends of the swings; the distance is "
-        f"likely to be wrong by {wrong:.1f} m: calibrate the sensor."
+        f"likely to be wrong by {wrong:.1f} m: calibrate the sensor, or take another detector."
     ]
 
 

@@ -13,7 +13,10 @@ from imu_rig.gait.distance import WalkOptions, integrated, unclosed, walk_distan
 from imu_rig.rotation import from_rotation_vector, rotate, to_matrix
 from imu_rig.units import DEG, STANDARD_GRAVITY
 from simulators.walker.device import Carried
+from simulators.walker.path import Straight
 from simulators.walker.record import record_walk
+from simulators.walker.scenarios import Scenario
+from simulators.walker.steps import Stand, Walk
 from simulators.walker.walker import Walker
 
 
@@ -115,6 +118,19 @@ def test_a_walk_cut_out_of_a_longer_one_begins_in_a_stance(walk, block):
     assert any("stood still for no second" in note for note in found.notes)
     way = np.linalg.norm(walk.truth.position[rows[-1]] - walk.truth.position[rows[0]])
     assert np.linalg.norm(found.distance) == pytest.approx(way, rel=0.1)
+
+
+def test_a_run_for_which_the_threshold_is_not_made_is_doubted_aloud():
+    scenario = Scenario("run", "Run", (Stand(2.0), Walk((Straight(20.0),), (3.0,)), Stand(2.0)))
+    devices = [Carried("left-foot", "mpu9150")]
+    foot = record_walk(Walker(scenario, 3), devices, exact=True)["left-foot"].units[0]
+    running = (foot.t > 2.5) & (foot.t < 5.5)
+    force = np.linalg.norm(foot.means.force, axis=1)
+    assert np.median(force[running]) > 1.3 * STANDARD_GRAVITY  # which is no wrong unit
+    rate = foot.means.rate + np.array([0.0, 0.3 * DEG, 0.3 * DEG])
+    found = walk_distance(ImuBlock(foot.t, foot.means.force, rate, foot.t))
+    assert abs(found.distance[0] - true_way(foot)[0]) > 0.5
+    assert any("No stance was found for" in note for note in found.notes)
 
 
 def test_a_gap_in_a_swing_is_told(walk, block):
