@@ -112,9 +112,10 @@ class FootOptions:
     flat_m : float
         Scatter of a sensor's height over one and the same floor between footfalls [m], as a foot
         never comes down quite the same way.
-    step_m : float
-        A height change above this from footfall to footfall [m] is a real one: stairs begin at
-        0.15 m a step, and the heights of one stride come out within 0.02 m.
+    step_m, slope : float
+        A height change from footfall to footfall is a real one above the first [m], and above the
+        second times the way along the ground: stairs begin at 0.15 m a step, ramps at 5 %, and
+        heights of footfalls come out within 0.02 m, or 3 % of long strides with a poor sensor.
     floor_walk_m : float
         By which the floor under the next footfall may differ on level ground [m].
     """
@@ -137,4 +138,5 @@ class FootOptions:
     speed_sigma: float = 2.0
     flat_m: float = 0.01
     step_m: float = 0.07
+    slope: float = 0.05
     floor_walk_m: float = 0.003

@@ -1,0 +1,179 @@
+"""The default foot smoother on public recordings with known truth.
+
+    python tests/benchmarks/foot_recordings.py                 # folder from IMU_RIG_DATA
+    python tests/benchmarks/foot_recordings.py --sensitivity   # each default halved and doubled
+
+One configuration for all. Horizontal errors are those after the best yaw and translation, and no
+lever arm from the sensor to the marker is fitted. With ``--sensitivity`` every line says what
+halving and doubling one default does; a default on a plateau does little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from gait_reference import (
+    FEET,
+    FOOTPRINT_TRIALS,
+    MOCAP_SENSOR,
+    SHOE_SENSOR,
+    mocap_lengths,
+)
+
+from imu_rig.blocks import ImuBlock
+from imu_rig.gait.options import FootOptions
+from imu_rig.gait.smoother import smooth_foot
+from imu_rig.gait.strides import gait_parameters
+from imu_rig.importing.footprints import read_footprints
+from imu_rig.importing.formats import load_foreign
+from imu_rig.importing.optical import read_reference
+from imu_rig.reference.alignment import Alignment, align
+from imu_rig.reference.footprints import StrideComparison, compare_footprints
+from imu_rig.reference.reference import Reference
+
+LOOPS = ("short_walk", "long_walk")
+NOT_VARIED = ("gravity", "level", "stance")
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """All recordings with their truth, read once."""
+
+    optical: dict[str, tuple[ImuBlock, Reference]]
+    footprints: dict[str, tuple[ImuBlock, np.ndarray]]
+    mocap: dict[str, ImuBlock]
+    mocap_folder: Path
+    loops: dict[str, ImuBlock]
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """What came out of all of them."""
+
+    optical: dict[str, Alignment]
+    footprints: dict[str, StrideComparison]
+    mocap: dict[str, StrideComparison]
+    closure: dict[str, float]
+
+    @property
+    def horizontal(self) -> np.ndarray:
+        """Horizontal errors of the optical trials [m]."""
+        return np.array([found.rmse_horizontal for found in self.optical.values()])
+
+    @property
+    def vertical(self) -> float:
+        """Median of their vertical errors [m]."""
+        return float(np.median([found.rmse_vertical for found in self.optical.values()]))
+
+    @property
+    def mocap_mae(self) -> float:
+        """Mean absolute error of stride length of both feet [m]."""
+        return float(np.abs(np.concatenate([c.errors for c in self.mocap.values()])).mean())
+
+
+def read_recordings(foot: Path) -> Recordings:
+    """Read all from the folder ``foot`` of the data."""
+    shoes, mocap = foot / "gcp_footprints", foot / "gaitmap_mocap"
+    feet = load_foreign(mocap / "imu_sample.csv", columns=MOCAP_SENSOR)
+    return Recordings(
+        optical={
+            file.stem: (load_foreign(file).imu(), read_reference(file))
+            for file in sorted((foot / "pyshoe_vicon").glob("*.mat"))
+        },
+        footprints={
+            name: (
+                load_foreign(shoes / f"SensorConnectData_{name}.csv", columns=SHOE_SENSOR).imu(),
+                read_footprints(shoes / f"SensorConnectData_{name}.mat"),
+            )
+            for name in FOOTPRINT_TRIALS
+        },
+        mocap={side: feet.imu(f"{side}_sensor") for side in FEET},
+        mocap_folder=mocap,
+        loops={n: load_foreign(foot / "xio_loop" / f"{n}.csv").imu() for n in LOOPS},
+    )
+
+
+def figures(recordings: Recordings, options: FootOptions = FootOptions()) -> Figures:  # noqa: B008
+    """Smooth every recording and compare it with its truth."""
+    optical = {}
+    for name, (block, reference) in recordings.optical.items():
+        way = smooth_foot(block, options).trajectory
+        optical[name] = align(way.t, way.position, reference)
+    footprints = {
+        name: compare_footprints(gait_parameters(smooth_foot(block, options)), measured)
+        for name, (block, measured) in recordings.footprints.items()
+    }
+    mocap = {
+        side: mocap_lengths(
+            recordings.mocap_folder, side, gait_parameters(smooth_foot(block, options))
+        )
+        for side, block in recordings.mocap.items()
+    }
+    closure = {}
+    for name, block in recordings.loops.items():
+        position = smooth_foot(block, options).trajectory.position
+        closure[name] = float(np.linalg.norm(position[-1] - position[0]))
+    return Figures(optical, footprints, mocap, closure)
+
+
+def lines(found: Figures) -> Iterator[str]:
+    """Tell all figures."""
+    for name, trial in found.optical.items():
+        yield f"{name}: {trial.rmse_horizontal:.3f} m, height {trial.rmse_vertical:.3f} m"
+    yield (
+        f"optical, {len(found.optical)} trials: mean {found.horizontal.mean():.4f} m, worst "
+        f"{found.horizontal.max():.3f} m, median height {found.vertical:.3f} m"
+    )
+    for name, strides in found.footprints.items():
+        yield (
+            f"footprints {name}: {strides.count} strides of {strides.true_count}, distance "
+            f"{strides.distance_percent:+.2f} %, stride length MAE {1e3 * strides.mae:.1f} mm"
+        )
+    yield f"motion capture: stride length MAE {1e3 * found.mocap_mae:.1f} mm"
+    for name, closure in found.closure.items():
+        yield f"{name}: ends {closure:.3f} m from where it began"
+
+
+def varied(options: FootOptions) -> Iterator[tuple[str, float, FootOptions]]:
+    """Yield each default, halved and doubled, with its name and the factor."""
+    for owner in ("", "stance"):
+        group = getattr(options, owner) if owner else options
+        for field in fields(group):
+            if field.name in NOT_VARIED:
+                continue
+            for factor in (0.5, 2.0):
+                changed = replace(group, **{field.name: factor * getattr(group, field.name)})
+                whole = replace(options, stance=changed) if owner else changed
+                yield (f"{owner}.{field.name}" if owner else field.name), factor, whole
+
+
+def main() -> None:
+    """Print the figures, or how they change."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensitivity", action="store_true")
+    asked = parser.parse_args()
+    recordings = read_recordings(Path(os.environ["IMU_RIG_DATA"]) / "foot")
+    base = figures(recordings)
+    print("\n".join(lines(base)))
+    if not asked.sensitivity:
+        return
+    print(f"\n{'default':<28}{'factor':>7}{'optical mean':>14}{'change':>9}  footprints, loops")
+    for name, factor, options in varied(FootOptions()):
+        found = figures(recordings, options)
+        change = found.horizontal.mean() / base.horizontal.mean() - 1.0
+        shoes = " ".join(f"{1e3 * c.mae:5.1f} mm" for c in found.footprints.values())
+        ends = " ".join(f"{end:.3f} m" for end in found.closure.values())
+        print(
+            f"{name:<28}{factor:>7.1f}{found.horizontal.mean():>12.4f} m{change:>9.1%}"
+            f"  {shoes}  {ends}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
