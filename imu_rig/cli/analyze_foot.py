@@ -70,7 +70,7 @@ TRAJECTORY_NAME = "trajectory.csv"
 def foot(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Trial files, or recordings of other programs."),
+        typer.Argument(help="Trial files, or recordings of other programs."),
     ],
     sensor: Sensors = None,
     certificate: Certificates = None,
@@ -211,12 +211,13 @@ def analyse_foot(
     DataError
         If the recording cannot be one of a foot that walks, or a reference not of it.
     """
+    from imu_rig.cli.analyze_show import sentences
     from imu_rig.gait.strides import gait_parameters
     from imu_rig.report.foot_facts import FootAnalysis
 
     found = find_track(recording.block, way, recording.certificate)
     strides = gait_parameters(found.track)
-    notes = dict.fromkeys((*found.track.notes, *strides.notes))
+    notes = [*found.track.notes, *strides.notes]
     given, measured = beside.read(), None
     if given is not None:
         measured = beside_reference(found.track, strides, given, beside)
@@ -224,7 +225,7 @@ def analyse_foot(
         try:
             measured = beside_reference(found.track, strides, recording.reference, beside)
         except DataError as error:
-            notes[f"The recording's own reference was not used: {str(error).rstrip('.')}."] = None
+            notes.append(f"The recording's own reference was not used: {error}")
     prints = beside.read_footprints()
     return FootAnalysis(
         recording.sensor,
@@ -233,7 +234,7 @@ def analyse_foot(
         strides,
         measured,
         None if prints is None else beside_footprints(strides, prints),
-        tuple(notes),
+        sentences(*notes),
         found.steps,
     )
 

@@ -57,7 +57,7 @@ FARTHEST_M = 1e5
 def gait(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Trial files, or recordings of other programs."),
+        typer.Argument(help="Trial files, or recordings of other programs."),
     ],
     distance: Annotated[
         str | None,
@@ -192,6 +192,7 @@ def _trial(recording: WalkRecording, name: str, wanted: _Wanted) -> GaitTrial:
     DataError
         If it cannot be one of a foot that walks.
     """
+    from imu_rig.cli.analyze_show import sentences
     from imu_rig.gait.strides import gait_parameters
     from imu_rig.report.gait_facts import GaitTrial, along_the_walk
 
@@ -200,14 +201,14 @@ def _trial(recording: WalkRecording, name: str, wanted: _Wanted) -> GaitTrial:
     except DataError as error:
         raise DataError(f"{recording.file}: {str(error).rstrip('.')}.") from error
     strides = gait_parameters(found.track)
-    notes = list(dict.fromkeys((*found.track.notes, *strides.notes)))
+    notes = [*found.track.notes, *strides.notes]
     before = after = None
     if wanted.known is not None:
         before = _integrated(recording, wanted, notes, calibrated=False)
         if recording.certificate is not None:
             after = _integrated(recording, wanted, notes, calibrated=True)
     ours = along_the_walk(found.track.trajectory)
-    return GaitTrial(name, strides, ours, after, before, tuple(dict.fromkeys(notes)))
+    return GaitTrial(name, strides, ours, after, before, sentences(*notes))
 
 
 def _integrated(
@@ -220,7 +221,7 @@ def _integrated(
     try:
         found = walk_distance(recording.block if calibrated else recording.raw, wanted.walk_options)
     except DataError as error:
-        notes.append(f"No double integration, {kind}: {str(error).rstrip('.')}.")
+        notes.append(f"No double integration, {kind}: {error}")
         return None
     notes += [f"Double integration, {kind}: {note}" for note in found.notes]
     return found

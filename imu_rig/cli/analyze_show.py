@@ -14,6 +14,12 @@ LABELS = 15
 """Columns of the labels of a card."""
 
 
+def sentences(*notes: str) -> tuple[str, ...]:
+    """Return notes as sentences with a capital and a stop, each once."""
+    told = (f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
+    return tuple(dict.fromkeys(told))
+
+
 def foot_summary(report: FootReport, files: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of a recording as plain values, SI units but for degrees."""
     return {
