@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
+import numpy as np
 from numba import njit
 
 P = ParamSpec("P")
@@ -26,3 +27,12 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
         cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"}
     )
     return cast(Callable[P, R], make(function))
+
+
+def as_variable(number: int) -> int:
+    """Return an index for a module's constant that numba takes for any number.
+
+    A function called with plain constants is compiled once for each of their values, which takes
+    longer than all else; what the compiler proper makes of it is the same.
+    """
+    return cast(Any, np.intp(number))  # type: ignore[no-any-return]

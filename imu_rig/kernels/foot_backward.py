@@ -16,7 +16,7 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.kernels.blocks3 import applied, cross, less, mean, transpose
 from imu_rig.kernels.compiled import compiled, inlined
-from imu_rig.kernels.foot_errors import WIDTH, B, C, H, R, V
+from imu_rig.kernels.foot_errors import PHI, WIDTH, B, C, H, R, V
 from imu_rig.kernels.foot_forward import (
     SLOPE,
     add_correction,
@@ -46,10 +46,13 @@ def add(e: FloatArray, i: int, s: float, v: Vector) -> None:
 @inlined
 def slope_of(adjoint: FloatArray, gains: FloatArray, row: int) -> float:
     """Return innovation / variance plus gain times adjoint."""
-    total = float(gains[row, SLOPE])
-    for j in range(WIDTH):
-        total += gains[row, j] * adjoint[j]
-    return total
+    s0, s1, s2, s3 = float(gains[row, SLOPE]), 0.0, 0.0, 0.0
+    for j in range(0, WIDTH, 4):  # four sums do not wait for each other
+        s0 += gains[row, j] * adjoint[j]
+        s1 += gains[row, j + 1] * adjoint[j + 1]
+        s2 += gains[row, j + 2] * adjoint[j + 2]
+        s3 += gains[row, j + 3] * adjoint[j + 3]
+    return (s0 + s1) + (s2 + s3)
 
 
 @compiled
@@ -58,17 +61,17 @@ def forget_velocity(
 ) -> None:
     """Carry the adjoint back over the three measured numbers of a rolling foot, last first."""
     s = slope_of(adjoint, gains, row + 2)
-    add(adjoint, 0, -s, (-u[1], u[0], 0.0))
+    add(adjoint, PHI, -s, (-u[1], u[0], 0.0))
     adjoint[V + 2] -= s
     add(adjoint, R, -s, (J[6], J[7], J[8]))
     add(adjoint, B, -s, (G[6], G[7], G[8]))
     s = slope_of(adjoint, gains, row + 1)
-    add(adjoint, 0, -s, (u[2], 0.0, -u[0]))
+    add(adjoint, PHI, -s, (u[2], 0.0, -u[0]))
     adjoint[V + 1] -= s
     add(adjoint, R, -s, (J[3], J[4], J[5]))
     add(adjoint, B, -s, (G[3], G[4], G[5]))
     s = slope_of(adjoint, gains, row)
-    add(adjoint, 0, -s, (0.0, -u[2], u[1]))
+    add(adjoint, PHI, -s, (0.0, -u[2], u[1]))
     adjoint[V] -= s
     add(adjoint, R, -s, (J[0], J[1], J[2]))
     add(adjoint, B, -s, (G[0], G[1], G[2]))
@@ -89,22 +92,22 @@ def undo_step(
     """
     e[H] -= half * e[5]
     adjoint[5] += half * adjoint[H]
-    add(e, 0, added[0], at(adjoint, 0))
+    add(e, PHI, added[0], at(adjoint, PHI))
     add(e, V, added[1], at(adjoint, V))
     e[H] += added[2] * adjoint[H]
     add(e, C, added[3], at(adjoint, C))
     add(e, B, added[4], at(adjoint, B))
     Dt = transpose(D)
     bias = applied(D, at(e, B))
-    add(e, 0, -0.5, bias)
-    add(e, V, 1.0, cross(a, at(e, 0)))
+    add(e, PHI, -0.5, bias)
+    add(e, V, 1.0, cross(a, at(e, PHI)))
     add(e, V, -1.0, applied(D, at(e, C)))
-    add(e, 0, -0.5, bias)
+    add(e, PHI, -0.5, bias)
     e[H] -= half * e[5]
-    add(adjoint, B, 0.5, applied(Dt, at(adjoint, 0)))
-    add(adjoint, 0, 1.0, cross(a, at(adjoint, V)))
+    add(adjoint, B, 0.5, applied(Dt, at(adjoint, PHI)))
+    add(adjoint, PHI, 1.0, cross(a, at(adjoint, V)))
     add(adjoint, C, 1.0, applied(Dt, at(adjoint, V)))
-    add(adjoint, B, 0.5, applied(Dt, at(adjoint, 0)))
+    add(adjoint, B, 0.5, applied(Dt, at(adjoint, PHI)))
     adjoint[5] += half * adjoint[H]
 
 

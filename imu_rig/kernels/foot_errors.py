@@ -31,10 +31,11 @@ from imu_rig.kernels.blocks3 import (
     times,
     transpose,
 )
-from imu_rig.kernels.compiled import compiled, inlined
+from imu_rig.kernels.compiled import as_variable, compiled, inlined
 from imu_rig.kernels.strapdown import Matrix, Vector
 
-PHI, V, H, R, C, B = 0, 3, 6, 7, 10, 13
+PHI, V, H = as_variable(0), as_variable(3), as_variable(6)
+R, C, B = as_variable(7), as_variable(10), as_variable(13)
 """Where attitude, velocity, height, pivot, accelerometer bias and gyro bias begin."""
 WIDTH = 16
 
@@ -163,7 +164,7 @@ def put(seen: FloatArray, j: int, M: Matrix) -> None:
 @inlined
 def more(seen: FloatArray, j: int, M: Matrix) -> None:
     """Add to the block of three columns from ``j``."""
-    add_block(seen, 0, j, M)
+    add_block(seen, PHI, j, M)
 
 
 @inlined

@@ -129,10 +129,10 @@ def measure_velocity(
     G = by_gyro_bias(at, r)
     seen_by_velocity(P, u, J, G, seen, with_bias)
     x, y, z = less(u, v)
-    S = plus(crossed(u, block_transposed(seen, 0, PHI)), block_transposed(seen, 0, V))
-    S = plus(S, times(J, block_transposed(seen, 0, R)))
+    S = plus(crossed(u, block_transposed(seen, PHI, PHI)), block_transposed(seen, PHI, V))
+    S = plus(S, times(J, block_transposed(seen, PHI, R)))
     if with_bias:
-        S = plus(S, times(G, block_transposed(seen, 0, B)))
+        S = plus(S, times(G, block_transposed(seen, PHI, B)))
     s00, s01, s02, s11, s12, s22 = S[0], S[1], S[2], S[4], S[5], S[8]
     variance = sigma * sigma
     nis = 0.0
@@ -153,15 +153,16 @@ def measure_velocity(
         if nis <= gate * gate:
             break
         variance *= min(nis / (gate * gate), cap)
-    for j in range(WIDTH):
-        b0 = seen[0, j]
-        b1 = seen[1, j] - l10 * b0
-        b2 = seen[2, j] - l20 * b0 - l21 * b1
-        seen[1, j] = b1
-        seen[2, j] = b2
-        gains[first, j] = b0 / d0
-        gains[first + 1, j] = b1 / d1
-        gains[first + 2, j] = b2 / d2
+    i0, i1, i2 = 1.0 / d0, 1.0 / d1, 1.0 / d2
+    width = seen.shape[1]
+    for j in range(width):
+        seen[1, j] -= l10 * seen[0, j]
+        gains[first, j] = i0 * seen[0, j]
+    for j in range(width):
+        seen[2, j] -= l20 * seen[0, j] + l21 * seen[1, j]
+        gains[first + 1, j] = i1 * seen[1, j]
+    for j in range(width):
+        gains[first + 2, j] = i2 * seen[2, j]
     gains[first, INNOVATION], gains[first, SLOPE] = x, x / d0
     gains[first + 1, INNOVATION], gains[first + 1, SLOPE] = y, y / d1
     gains[first + 2, INNOVATION], gains[first + 2, SLOPE] = z, z / d2
@@ -210,9 +211,10 @@ def gain_of_one(
 @compiled
 def add_correction(dx: FloatArray, gains: FloatArray, first: int, last: int) -> None:
     """Add what rows of ``gains`` correct to an error state (16,)."""
+    width = len(dx)
     for i in range(first, last):
         nu = gains[i, INNOVATION]
-        for j in range(WIDTH):
+        for j in range(width):
             dx[j] += gains[i, j] * nu
 
 
