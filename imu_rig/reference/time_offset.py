@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import FloatArray
-from imu_rig.reference.planar import residual, root_mean_square
+from imu_rig.reference.handedness import check_hands
 
 COARSE_S = 0.05
 """Two paths of one foot agree best within a tenth of a swing (0.4 s) of the right offset."""
@@ -19,6 +19,9 @@ def find_time_offset(
     t: FloatArray, position: FloatArray, times: FloatArray, places: FloatArray, within_s: float
 ) -> tuple[float, bool]:
     """Return what to add to ``times`` [s] so that the path fits best, and whether that is a bound.
+
+    Each offset is tried with whatever signs of the reference fit best: the offset of a left-handed
+    reference would else be where its error is least, not where the feet move together.
 
     Parameters
     ----------
@@ -38,7 +41,8 @@ def find_time_offset(
         if np.count_nonzero(inside) < max(LEAST_SHARE * len(some), 3):
             return float("inf")
         path = np.column_stack([np.interp(at[inside], t, column) for column in position.T])
-        return root_mean_square(residual(path, where[inside]))
+        fit = check_hands(path, where[inside])
+        return float(np.hypot(min(fit.as_given, fit.mirrored), min(fit.upright, fit.upside_down)))
 
     count = int(np.ceil(within_s / COARSE_S))
     step = within_s / max(count, 1)

@@ -100,6 +100,16 @@ def test_a_delay_between_the_clocks_is_found(foot, delay):
     assert found.notes == ()
 
 
+@pytest.mark.parametrize("sign", [(1, -1, 1), (1, -1, -1), (1, 1, -1)])
+def test_wrong_signs_do_not_spoil_the_delay(foot, sign):
+    """Found as if the signs were right, so that they can be judged at all."""
+    reference = seen(foot, sign=sign, delay=0.3, noise=0.002)
+    found = align(foot.t, foot.position, reference, search_offset_s=1.0)
+    assert found.time_offset == pytest.approx(0.3, abs=0.002)
+    assert found.hands.suspect == (sign[1] < 0)
+    assert found.hands.z_suspect == (sign[2] < 0)
+
+
 def test_a_delay_beyond_the_search_is_told(foot):
     """The bound is no optimum."""
     found = align(foot.t, foot.position, seen(foot, delay=1.0), search_offset_s=0.5)
