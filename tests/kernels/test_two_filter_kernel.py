@@ -116,14 +116,14 @@ def test_covariance_is_that_of_many_runs_with_noisy_readings():
     dt, noise = t[1] - t[0], (0.02, 0.1)
     exact, P = strapdown(t, gyro, accel, 0, 29, start, noise, np.zeros((9, 9)))
     runs = []
-    for _ in range(1500):
+    for _ in range(600):
         g = gyro + rng.normal(0.0, noise[0] / np.sqrt(dt), gyro.shape)
         a = accel + rng.normal(0.0, noise[1] / np.sqrt(dt), accel.shape)
         runs.append(error(exact[29], strapdown(t, g, a, 0, 29, start, noise)[0][29]))
     scatter = np.cov(np.array(runs).T)
     # 29 intervals from 30 readings; the trapezoid halves the first and the last
     ratio = np.diag(scatter) / np.diag(P[29])
-    assert np.all(np.abs(ratio - 1.0) < 0.15)
+    assert np.all(np.abs(ratio - 1.0) < 0.25)
     whitened = np.linalg.solve(np.linalg.cholesky(P[29]), np.array(runs).T)
     assert np.mean(np.sum(whitened**2, axis=0)) / 9.0 == pytest.approx(1.0, abs=0.1)
 
