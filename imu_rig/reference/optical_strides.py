@@ -1,7 +1,9 @@
 """Stride lengths of a tracked marker beside those of a foot's strides.
 
 The marker tells its own rests: a stride of it goes from where it stood to where it stands next. So
-neither the fit of a frame nor where on the foot it sits enters the comparison of lengths.
+no fit of a frame enters, and on a straight way not where on the foot the marker sits either. In
+turns it does: a marker beside the sensor goes another way by their distance times the angle, 2 cm
+in a stride that turns by 30 deg about a marker 4 cm aside. That is no error of either.
 """
 
 from __future__ import annotations
