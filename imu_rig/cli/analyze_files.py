@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imu_rig.files import write_whole
+from imu_rig.files import whole_file, write_whole
 
 if TYPE_CHECKING:
     from imu_rig.gait.trajectory import FootTrack
@@ -26,6 +26,7 @@ TRAJECTORY_COLUMNS = (
     *("x_sigma_m", "y_sigma_m", "z_sigma_m"),
     "heading_sigma_deg",
 )
+ROWS_AT_ONCE = 1 << 16
 DECIMALS = (6, *[5] * 3, *[5] * 3, *[7] * 4, 0, *[5] * 3, 4)
 
 
@@ -49,32 +50,45 @@ def safe_name(text: str) -> str:
 
 
 def write_trajectory(path: Path, track: FootTrack) -> None:
-    """Write every sample of a trajectory with its uncertainty, which is empty where unknown."""
+    """Write every sample of a trajectory with its uncertainty, which is empty where unknown.
+
+    Raises
+    ------
+    InputError
+        The file exists.
+    StorageError
+        The disk is full or fails.
+    """
+    with whole_file(path, what="a trajectory") as file:
+        file.write(",".join(TRAJECTORY_COLUMNS).encode() + b"\n")
+        for begin in range(0, len(track.trajectory), ROWS_AT_ONCE):
+            file.write(_trajectory_rows(track, begin, begin + ROWS_AT_ONCE))
+
+
+def _trajectory_rows(track: FootTrack, begin: int, end: int) -> bytes:
     import numpy as np
 
     from imu_rig.exporting.number_text import constant, joined, number_text
     from imu_rig.units import DEG
 
-    trajectory, covariance = track.trajectory, track.covariance
-    n = len(trajectory)
+    part, covariance = track.trajectory[begin:end], track.covariance
+    n = len(part)
     columns = [
-        trajectory.t[:, None],
-        trajectory.position,
-        trajectory.velocity,
-        trajectory.quaternion,
-        track.zero_velocity.still[:, None].astype(float),
+        part.t[:, None],
+        part.position,
+        part.velocity,
+        part.quaternion,
+        track.zero_velocity.still[begin:end, None].astype(float),
     ]
     if covariance is not None:
-        samples = np.arange(n)
+        samples = np.arange(begin, begin + n)
         sigmas = np.column_stack((covariance.position_sigma, covariance.heading_sigma / DEG))
         columns += [np.interp(samples, covariance.rows, s)[:, None] for s in sigmas.T]
-    table = np.concatenate(columns, axis=1)
     comma, cells = constant(",", n), []
-    for column, decimals in zip(table.T, DECIMALS, strict=False):
+    for column, decimals in zip(np.concatenate(columns, axis=1).T, DECIMALS, strict=False):
         cells += [number_text(column, decimals), comma]
-    cells = cells[:-1] if covariance is not None else [*cells[:-1], constant(",,,,", n)]
-    text = ",".join(TRAJECTORY_COLUMNS).encode() + b"\n" + joined([*cells, constant("\n", n)])
-    write_whole(path, text, what="a trajectory")
+    unknown = [] if covariance is not None else [constant(",,,,", n)]
+    return joined([*cells[:-1], *unknown, constant("\n", n)])
 
 
 def write_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]], what: str) -> None:

@@ -30,6 +30,9 @@ from imu_rig.units import DEG
 
 WINDOW_STRIDES, WINDOW_S = 5, 9.0
 """Of the figures that show single strides: so many of them, and at most so long."""
+AT_REST = 1.2
+"""Strides that last so much longer than usual have a rest between them."""
+MARGIN_S = 0.2
 
 
 def stance(track: FootTrack, accel: FloatArray, gyro: FloatArray) -> Figure:
@@ -179,17 +182,16 @@ def over_strides(curves: Sequence[StrideCurve], is_gait: BoolArray | None = None
 
 
 def strides_window(track: FootTrack) -> slice:
-    """Return the samples of some strides in the middle of a trial."""
-    t, falls = track.trajectory.t, track.footfalls
-    if len(falls) < 2:
+    """Return the samples of some strides without a rest between them, near the middle."""
+    t, rows = track.trajectory.t, track.footfalls.quietest
+    if len(rows) < 2:
         return slice(0, int(np.searchsorted(t, t[0] + WINDOW_S)) + 1)
-    middle = len(falls) // 2
-    first = max(0, middle - (WINDOW_STRIDES + 1) // 2)
-    last = min(len(falls) - 1, first + WINDOW_STRIDES)
-    first = max(0, last - WINDOW_STRIDES)
-    begin, end = float(t[falls.quietest[first]]), float(t[falls.quietest[last]])
-    if end - begin > WINDOW_S:
-        centre = float(t[falls.quietest[middle]])
-        begin, end = centre - WINDOW_S / 2.0, centre + WINDOW_S / 2.0
-    edges = np.searchsorted(t, (begin - 0.2, end + 0.2))
+    count = min(WINDOW_STRIDES, len(rows) - 1)
+    lasts = t[rows[count:]] - t[rows[:-count]]
+    usual = float(np.median(np.diff(t[rows])))
+    steady = np.flatnonzero(lasts <= max(AT_REST * usual * count, float(lasts.min())))
+    first = int(steady[np.argmin(np.abs(steady - 0.5 * (len(lasts) - 1)))])
+    begin = float(t[rows[first]]) - MARGIN_S
+    end = min(float(t[rows[first + count]]), begin + WINDOW_S) + MARGIN_S
+    edges = np.searchsorted(t, (begin, end))
     return slice(int(edges[0]), max(int(edges[1]), int(edges[0]) + 2))

@@ -21,6 +21,9 @@ SUFFIXES = {"m": "_m", "s": "_s", "deg": "_deg", "m/s": "_ms", "1/min": "_per_mi
 DECIMALS = {"m": 3, "s": 3, "deg": 1, "m/s": 3, "1/min": 1, "": 3}
 FILE_DECIMALS = {"m": 5, "s": 5, "deg": 3, "m/s": 4, "1/min": 2, "": 4}
 
+MOST_ROWS = 1000
+"""Of strides in a page."""
+
 SHORT = (
     ("start", "begins"),
     ("length", "length"),
@@ -158,9 +161,11 @@ def stride_table(title: str, strides: Strides) -> Html:
             str(strides.kind[row]),
             *(_cell(c.values, row, DECIMALS[c.unit], c.unit) for c, _ in shown),
         ]
-        for row in range(len(strides))
+        for row in range(min(len(strides), MOST_ROWS))
     ]
-    return folded(title, table(head, body))
+    more = len(strides) - MOST_ROWS
+    rest = [element("p", f"{more} more are in strides.csv.", class_="note")] if more > 0 else []
+    return folded(title, table(head, body), *rest)
 
 
 def _cell(values: FloatArray, row: int, decimals: int, unit: str) -> str:

@@ -130,6 +130,10 @@ def test_figures_of_a_long_walk_are_of_some_strides_and_not_of_every_sample() ->
     window = stride_figures.strides_window(track)
     t = track.trajectory.t[window]
     assert 4.0 * STRIDE_S < t[-1] - t[0] < stride_figures.WINDOW_S + 1.0
+    later = np.where(np.arange(len(t := track.trajectory.t)) > len(t) // 2, t + 60.0, t)
+    rested = replace(track, trajectory=replace(track.trajectory, t=later))
+    shown = later[stride_figures.strides_window(rested)]
+    assert 4.0 * STRIDE_S < shown[-1] - shown[0] < stride_figures.WINDOW_S + 1.0
     drawn = np.arange(len(track.trajectory))[thinned(len(track.trajectory))]
     assert 0.5 * MOST_POINTS < len(drawn) <= MOST_POINTS
 
