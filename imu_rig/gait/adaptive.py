@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
+from imu_rig.gait.footfalls import runs
 from imu_rig.gait.options import StanceOptions
 from imu_rig.gait.statistic import motion_statistic
 from imu_rig.gait.zero_velocity import ZeroVelocity
@@ -98,6 +101,36 @@ def stance(
     return ZeroVelocity(still, sigma, statistic, threshold)
 
 
+def settled(
+    zero_velocity: ZeroVelocity,
+    t: FloatArray,
+    options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
+) -> ZeroVelocity:
+    """Return the same without the begin and the end of every long stand.
+
+    Between strides a foot comes to rest and leaves it at once. Who stands, or slides a sensor over
+    a table, moves off so gently that it shows only after a while, and comes to rest likewise.
+
+    Parameters
+    ----------
+    zero_velocity : ZeroVelocity
+    t : shape (n,)
+        Times [s], never decreasing.
+    options : StanceOptions
+    """
+    still = zero_velocity.still.copy()
+    first, last = runs(still)
+    for a, b in zip(first, last, strict=True):
+        if t[b] - t[a] < options.stand_s:
+            continue
+        if a > 0:
+            still[a : np.searchsorted(t, t[a] + options.gentle_s)] = False
+        if b < len(t) - 1:
+            still[np.searchsorted(t, t[b] - options.gentle_s, side="right") : b + 1] = False
+    sigma = np.where(still, zero_velocity.sigma, np.inf)
+    return replace(zero_velocity, still=still, sigma=sigma)
+
+
 def zero_velocity(
     block: ImuBlock,
     options: StanceOptions = StanceOptions(),  # noqa: B008  (frozen)
@@ -105,6 +138,8 @@ def zero_velocity(
     gravity: float = STANDARD_GRAVITY,
 ) -> ZeroVelocity:
     """Find when a foot stands, without a threshold of its own for a person or a speed.
+
+    What `smooth_foot` does by default: `detect_stance` and `settled`.
 
     Parameters
     ----------
@@ -118,4 +153,5 @@ def zero_velocity(
     -------
     ZeroVelocity
     """
-    return detect_stance(block.t, block.accel, block.gyro, options, gravity)
+    found = detect_stance(block.t, block.accel, block.gyro, options, gravity)
+    return settled(found, block.t, options)

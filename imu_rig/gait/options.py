@@ -32,10 +32,13 @@ class StanceOptions:
         over that far. Together at least a stride of a runner (0.65 s), and of a stroller (1.3 s)
         at least one stance, wherever in the stride one looks from.
     lowest, highest : float
-        Bounds of the threshold [m/s]. Below 0.015 lies what a foot that stands with its owner's
+        Bounds of the threshold [m/s]. Below 0.01 lies what a foot that stands with its owner's
         weight on it does by itself, and the noise of any sensor. Above 0.15 a heel is rising: the
         foot turns about its ball, faster than at 1.5 rad/s. In simulated slow gait as many samples
         above it belong to swings as to stances.
+    stand_s, gentle_s : float
+        Of a stand longer than the first [s], which no stance of a stride is, the second [s] is left
+        out at both ends: people set out so gently that it shows only after a while.
     sprint_level, sprint_stride_s, sprint_window_s : float
         Where the level of motion, over so many seconds to either side as such a stride takes,
         exceeds the first [m/s], as from runs at 4 m/s on, motion is averaged over the last only
@@ -57,8 +60,10 @@ class StanceOptions:
     settling_s: float = 0.0175
     quiet_s: float = 0.6
     level_s: float = 1.0
-    lowest: float = 0.015
+    lowest: float = 0.01
     highest: float = 0.15
+    stand_s: float = 1.5
+    gentle_s: float = 0.15
     sprint_level: float = 1.0
     sprint_stride_s: float = 0.4
     sprint_window_s: float = 0.022

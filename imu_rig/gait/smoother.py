@@ -10,7 +10,7 @@ import numpy as np
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
-from imu_rig.gait.adaptive import detect_stance
+from imu_rig.gait.adaptive import detect_stance, settled
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias
 from imu_rig.gait.covariance import track_covariance
 from imu_rig.gait.filter_inputs import foot_inputs, foot_model
@@ -81,7 +81,9 @@ def smooth_foot(
     gyro = np.ascontiguousarray(block.gyro - rough)
     zero_velocity = detect_stance(t, accel, gyro, options.stance, options.gravity)
     first, quietest = first_attitude(t, accel, gyro, zero_velocity.statistic)
-    if detector is not None:
+    if detector is None:
+        zero_velocity = settled(zero_velocity, t, options.stance)
+    else:
         zero_velocity = _detected(replace(block, gyro=gyro), detector)
     footfalls = find_footfalls(zero_velocity, t)
     if len(footfalls) == 0:
