@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from imu_rig.arrays import FloatArray
-from imu_rig.reference.planar import residual, root_mean_square
 
 TO_MIRRORED = np.array([1.0, -1.0, 1.0])
 TO_Z_DOWN = np.array([1.0, -1.0, -1.0])
@@ -84,14 +83,23 @@ class Handedness:
 
 
 def check_hands(path: FloatArray, places: FloatArray) -> Handedness:
-    """Fit a path to places (n, 3) [m] with all signs that could be meant."""
-    given, other = residual(path, places), residual(path, places * TO_MIRRORED)
-    below = residual(path, places * TO_Z_DOWN)
+    """Fit a path to places (n, 3) [m] with all signs that could be meant.
+
+    With both centred and on the plan seen as complex numbers p and q, the best turn of p leaves
+    ``|p|^2 + |q|^2 - 2 |sum conj(p) q|``; mirroring makes conj(q) of q.
+    """
+    a, b = path - path.mean(axis=0), places - places.mean(axis=0)
+    p, q = a[:, 0] + 1j * a[:, 1], b[:, 0] + 1j * b[:, 1]
+    sizes = np.sum(np.abs(p) ** 2) + np.sum(np.abs(q) ** 2)
+
+    def left(turned: complex) -> float:
+        return float(np.sqrt(max(sizes - 2.0 * abs(turned), 0.0) / len(p)))
+
     return Handedness(
-        root_mean_square(given[:, :2]),
-        root_mean_square(other[:, :2]),
-        root_mean_square(given[:, 2:]),
-        root_mean_square(below[:, 2:]),
+        as_given=left(np.vdot(p, q)),
+        mirrored=left(np.dot(p, q)),
+        upright=float(np.sqrt(np.mean((a[:, 2] - b[:, 2]) ** 2))),
+        upside_down=float(np.sqrt(np.mean((a[:, 2] + b[:, 2]) ** 2))),
     )
 
 

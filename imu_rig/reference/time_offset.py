@@ -10,7 +10,7 @@ from imu_rig.reference.handedness import check_hands
 COARSE_S = 0.05
 """Two paths of one foot agree best within a tenth of a swing (0.4 s) of the right offset."""
 FINER, ROUNDS = 5.0, 4
-MOST_PLACES = 1500
+MOST_PLACES = 600
 LEAST_SHARE = 0.3
 """An offset at which less of the reference is left fits too easily, and is not tried."""
 

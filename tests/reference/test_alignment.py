@@ -54,6 +54,8 @@ def test_errors_are_those_that_are_there(foot):
     assert found.rmse[:2] == pytest.approx([0.02, 0.02], rel=0.1)
     assert found.rmse_vertical == pytest.approx(0.1 / np.sqrt(12.0), rel=0.01)
     assert found.largest_horizontal < 0.12
+    assert found.hands.as_given == pytest.approx(found.rmse_horizontal, rel=1e-6)
+    assert found.hands.upright == pytest.approx(found.rmse_vertical, rel=1e-6)
     assert found.closure == pytest.approx(0.1, abs=0.03)
     json.dumps(found.to_dict())
     assert any("RMSE" in line for line in found.lines())
