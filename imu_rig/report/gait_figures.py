@@ -50,7 +50,7 @@ def integration(
     window = slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, end)) + 1)
     above = panel(figure, LEFT, 338.0, PANEL_WIDTH, 108.0)
     stance_bands(above, t[window], zero.still[window], "stance")
-    above.plot(t[window], calibrated.norm[window], color=AFTER, linewidth=1.0, label="swing")
+    above.plot(t[window], calibrated.norm[window], color=AFTER, linewidth=1.0, label="acceleration")
     above.plot(t[window], zero.threshold[window], color=LEFT_OUT, linewidth=1.3, label="threshold")
     above.set_ylabel("|a| [m/s²]")
     above.set_ylim(bottom=0.0)
@@ -64,7 +64,9 @@ def integration(
     below = panel(figure, LEFT, 46.0, PANEL_WIDTH, 96.0)
     rows = thinned(len(t))
     if known_m is not None:
-        below.axhline(known_m, color=INK, linewidth=0.9, label=f"known, {known_m:g} m")
+        below.axhline(
+            known_m, color=INK, linewidth=1.0, linestyle=(0, (5, 3)), label=f"known, {known_m:g} m"
+        )
     if raw is not None:
         below.plot(
             raw.t[rows] - raw.t[0], raw.position[rows, 0], color=BEFORE, linewidth=1.3,
