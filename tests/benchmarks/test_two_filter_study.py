@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import two_filter_study as study
 
+from imu_rig.gait.smoother import smooth_foot
 from imu_rig.report.svg import inline, report_style
 from imu_rig.report.two_filter import middle_step, plan, two_filter_figures
 
@@ -24,6 +25,11 @@ def test_the_smoother_follows_the_half_circle_and_the_filters_do_not(board):
     assert smoothed < 0.005
     assert study.from_the_arc(board.forward.trajectory) > 2.0 * smoothed
     assert study.from_the_arc(board.backward.trajectory) > 2.0 * smoothed
+
+
+def test_the_default_smoother_follows_the_half_circle_as_well():
+    track = smooth_foot(study.carried("half-circle", 2).block)
+    assert study.from_the_arc(track.trajectory, turn=True) < 0.005
 
 
 def test_50_m_come_out_as_published_because_the_sensor_clips(straight):
