@@ -171,10 +171,11 @@ def more(seen: FloatArray, j: int, M: Matrix) -> None:
 def take_three(P: FloatArray, seen: FloatArray, gains: FloatArray, first: int, size: int) -> None:
     """Reduce the covariance by three gains' rows times their ``seen`` rows."""
     width = P.shape[1]
+    rows = seen.reshape(3 * WIDTH)
     for i in range(size):
         g0, g1, g2 = gains[first, i], gains[first + 1, i], gains[first + 2, i]
         for j in range(width):
-            P[i, j] -= g0 * seen[0, j] + g1 * seen[1, j] + g2 * seen[2, j]
+            P[i, j] -= g0 * rows[j] + g1 * rows[WIDTH + j] + g2 * rows[2 * WIDTH + j]
 
 
 @inlined

@@ -154,15 +154,15 @@ def measure_velocity(
             break
         variance *= min(nis / (gate * gate), cap)
     i0, i1, i2 = 1.0 / d0, 1.0 / d1, 1.0 / d2
-    width = seen.shape[1]
-    for j in range(width):
-        seen[1, j] -= l10 * seen[0, j]
-        gains[first, j] = i0 * seen[0, j]
-    for j in range(width):
-        seen[2, j] -= l20 * seen[0, j] + l21 * seen[1, j]
-        gains[first + 1, j] = i1 * seen[1, j]
-    for j in range(width):
-        gains[first + 2, j] = i2 * seen[2, j]
+    for j in range(WIDTH):
+        b0 = seen[0, j]
+        b1 = seen[1, j] - l10 * b0
+        b2 = seen[2, j] - l20 * b0 - l21 * b1
+        seen[1, j] = b1
+        seen[2, j] = b2
+        gains[first, j] = i0 * b0
+        gains[first + 1, j] = i1 * b1
+        gains[first + 2, j] = i2 * b2
     gains[first, INNOVATION], gains[first, SLOPE] = x, x / d0
     gains[first + 1, INNOVATION], gains[first + 1, SLOPE] = y, y / d1
     gains[first + 2, INNOVATION], gains[first + 2, SLOPE] = z, z / d2
