@@ -81,4 +81,4 @@ def _correlation(
 
 
 def _along(direction: FloatArray, P: FloatArray) -> FloatArray:
-    return np.maximum(np.einsum("ij,ijk,ik->i", direction, P, direction), 0.0)
+    return np.asarray(np.maximum(np.einsum("ij,ijk,ik->i", direction, P, direction), 0.0))
