@@ -16,8 +16,9 @@ NO_SWING_S = 0.1
 LEAST_STRIDE_S = 0.35
 """Of the fastest sprinters (2.6 strides per second) [s]."""
 
-LEAST_SHARE = 0.55
-"""A stride is longer than this part of the median one: people change pace, but not at once."""
+LEAST_SHARE, LIGHT = 0.55, 0.1
+"""Strides shorter than this part of the median one are steps of a turn on the spot, if they end in
+a stance as good as others; one that has less than this part of its neighbour's weight is none."""
 
 UNMOVED_M, UNTURNED = 0.05, 10.0 * DEG
 """Who lifts a foot puts it down farther off than this, half its width, or turned about the vertical
@@ -31,9 +32,9 @@ def find_footfalls(zero_velocity: ZeroVelocity, t: FloatArray) -> Footfalls:
     """Return the stays of a foot on the ground.
 
     Intervals with too short a time in between for a swing are one. Of two that are closer than any
-    stride, or than about half a stride of this person, the lighter one (by the information of its
-    samples, ``sum(dt / sigma^2)``) is dropped: in its middle the foot turned smoothly, but did not
-    stand.
+    stride the lighter one (by the information of its samples, ``sum(dt / sigma^2)``) is dropped,
+    and of two that are closer than half a usual stride of this person if it is far lighter: the
+    foot moved evenly there for a moment, but did not stand.
 
     Parameters
     ----------
@@ -136,10 +137,12 @@ def _strides_apart(t: FloatArray, weight: FloatArray) -> IntArray:
         gaps = np.diff(t[kept])
         strides = gaps[gaps < LONGEST_STRIDE_S]
         usual = float(np.median(strides)) if len(strides) else 0.0
-        close = gaps < max(LEAST_STRIDE_S, LEAST_SHARE * usual)
+        mass = weight[kept]
+        ratio = np.minimum(mass[1:], mass[:-1]) / np.maximum(mass[1:], mass[:-1])
+        close = gaps < LEAST_STRIDE_S
+        close |= (gaps < LEAST_SHARE * usual) & (ratio < LIGHT)
         if not close.any():
             break
-        mass = weight[kept]
         # One is dropped if it is the lightest of those that are too close to it.
         left = np.concatenate(([False], close))
         right = np.concatenate((close, [False]))

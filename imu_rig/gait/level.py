@@ -33,4 +33,9 @@ def level_strides(places: FloatArray, options: FootOptions) -> BoolArray:
     change = np.diff(places, axis=0)
     along = np.hypot(change[:, 0], change[:, 1])
     least = np.maximum(options.step_m, options.slope * along)
-    return np.asarray(np.abs(change[:, 2]) < least)
+    tilted = np.abs(change[:, 2]) >= least
+    # A ramp or a stair begins and ends within a stride: those beside are free as well.
+    beside = tilted.copy()
+    beside[1:] |= tilted[:-1]
+    beside[:-1] |= tilted[1:]
+    return ~beside

@@ -20,6 +20,7 @@ from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M, floor_steps
 from imu_rig.gait.mounting import find_foot_axes, first_heading
 from imu_rig.gait.options import FootOptions
+from imu_rig.gait.stamps import spread_repeats
 from imu_rig.gait.start import first_attitude
 from imu_rig.gait.stills import find_stills, rough_gyro_bias
 from imu_rig.gait.trajectory import Footfalls, FootTrack, Trajectory
@@ -75,7 +76,7 @@ def smooth_foot(
     """
     grade = SensorGrade() if grade is None else grade
     notes = check_recording(block, gravity=options.gravity)
-    t, accel = block.t, np.ascontiguousarray(block.accel, dtype=float)
+    t, accel = spread_repeats(block.t), np.ascontiguousarray(block.accel, dtype=float)
     stills = find_stills(t, accel, block.gyro)
     rough = rough_gyro_bias(stills)
     gyro = np.ascontiguousarray(block.gyro - rough)
@@ -102,7 +103,7 @@ def smooth_foot(
     if options.level != "never":
         inputs = _with_floor(inputs, footfalls, free.position, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
-    track = _track(t, states, zero_velocity, footfalls, bias)
+    track = _track(block.t, states, zero_velocity, footfalls, bias)
     notes = (*notes, *track.notes, *check_track(track, block, gravity=options.gravity))
     if not covariance:
         return replace(track, notes=notes)
