@@ -32,6 +32,7 @@ from calibration_study import run, session_of, solved, table
 from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.calibration.certificate import apply_certificate, certificate_of
+from imu_rig.errors import DataError
 from imu_rig.gait.detectors import DETECTORS, detector_named
 from imu_rig.gait.distance import WalkOptions, walk_distance
 from imu_rig.gait.footfalls import runs
@@ -70,7 +71,7 @@ METHODS = ("published method", "gyroscope zeroed at rest", "default smoother")
 class Walked:
     """One walk: the true distance (3,) and those measured by each method, (2, 3) [m].
 
-    Rows of the measured are without and with calibration.
+    Rows of the measured are without and with calibration; NaN where a trial was refused.
     """
 
     reference: FloatArray
@@ -137,13 +138,19 @@ def walk(task: tuple[int, float]) -> Walked:
 
 
 def _smoothed(block: ImuBlock, yaw: float) -> FloatArray:
-    trajectory = smooth_foot(block).trajectory
+    try:
+        trajectory = smooth_foot(block).trajectory
+    except DataError:
+        return np.full(3, np.nan)
     way = trajectory.position[-1] - trajectory.position[0]
     return np.asarray(about_z(yaw - yaw_of(trajectory.quaternion[0])) @ way)
 
 
-def compared(walked: Sequence[Walked], method: str) -> TrialComparison:
-    """Set all walks by one method beside each other."""
+def compared(walked: Sequence[Walked], method: str) -> TrialComparison | None:
+    """Set all walks by one method beside each other, but those it refused; None where all are."""
+    walked = [w for w in walked if np.isfinite(w.measured[method]).all()]
+    if not walked:
+        return None
     return compare_trials(
         np.array([w.reference for w in walked]),
         np.array([w.measured[method][0] for w in walked]),
@@ -168,6 +175,9 @@ def shown(walked: Sequence[Walked], of: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for method in METHODS:
         comparison = compared(walked, method)
+        if comparison is None:
+            print(f"\n{method}: refused without calibration, {of}")
+            continue
         rows = []
         for axis, published in zip(comparison.axes, PUBLISHED, strict=True):
             before, after = axis.uncalibrated_error, axis.calibrated_error
@@ -192,7 +202,7 @@ def shown(walked: Sequence[Walked], of: str) -> dict[str, Any]:
             )
         head = ["", "uncalibrated: mean / median error [m]", "calibrated", "improvement (SD) [%]"]
         table(
-            f"{method}, {len(walked)} walks of 10 m, {of}",
+            f"{method}, {len(comparison)} of {len(walked)} walks of 10 m, {of}",
             [*head, "median", "of the mean error", "published"],
             rows,
         )

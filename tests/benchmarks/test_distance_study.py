@@ -4,12 +4,14 @@ import distance_study as study
 
 
 def test_calibrating_is_worth_more_than_was_published(capsys):
-    found = study.walks(2, 1, 1, shares=(1.0,))["1.0"]
-    assert "published method, 2 walks" in capsys.readouterr().out
+    walked = [study.walk((seed, 1.0)) for seed in (1, 2)]
+    found = study.shown(walked, "all of the errors")
+    assert "published method, 2 of 2 walks" in capsys.readouterr().out
     for axis, published in zip("xyz", study.PUBLISHED, strict=True):
         assert found[f"published method, {axis}"]["pooled"] > published
-    x = found["default smoother, x"]
-    assert all(abs(a - b) < 0.05 for a, b in zip(x["calibrated_m"], x["reference_m"], strict=True))
+    for one in walked:
+        ours = one.measured["default smoother"][1]
+        assert abs(ours[0] - one.reference[0]) < 0.05
 
 
 def test_default_thresholds_find_stances_of_a_walk_and_no_swings(capsys):
