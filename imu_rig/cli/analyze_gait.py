@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -128,6 +128,7 @@ def gait(
     known = None if distance is None else _known(distance)
     wanted = _Wanted(way, detector, known)
     trials: list[GaitTrial] = []
+    left_out: dict[str, DataError] = {}
     calibrations: dict[str, str] = {}
     with Working(f"Reading {files[0].name}") as working:
         for file in files:
@@ -135,9 +136,20 @@ def gait(
             recordings = read_walk(file, table, tuple(sensor or ()), calibrating)
             for recording in recordings:
                 who = _name(recording, several=len(recordings) > 1)
-                trials.append(_trial(recording, who, wanted))
-                calibrations[who] = recording.calibration
-        report = _report(trials, known, calibrations, wanted, gravity_words(local))
+                try:
+                    trials.append(_trial(recording, who, wanted))
+                except DataError as error:
+                    left_out[who] = error
+                else:
+                    calibrations[who] = recording.calibration
+        if not trials:
+            raise next(iter(left_out.values()))
+        report = replace(
+            _report(trials, known, calibrations, wanted, gravity_words(local)),
+            left_out=tuple(
+                (who, f"{str(e.__cause__ or e).rstrip('.')}.") for who, e in left_out.items()
+            ),
+        )
         written: dict[str, str] = {}
         if not no_files:
             working.now("Drawing")

@@ -55,6 +55,7 @@ def gait_summary(report: GaitReport, files: dict[str, str]) -> dict[str, Any]:
         "facts": dict(report.facts),
         "gait": pooled,
         "trials": [_trial_values(trial) for trial in report.trials],
+        "left_out": dict(report.left_out),
         "files": files,
     }
     comparison = report.comparison()
@@ -121,10 +122,8 @@ def show_gait(report: GaitReport, files: dict[str, str]) -> None:
         )
         sheet.blank()
         sheet.entry("  calibrating", f"makes errors smaller by: {told}")
-    for trial in report.trials:
-        for note in trial.notes:
-            several = len(report.trials) > 1
-            sheet.entry("  note", f"{trial.name}: {note}" if several else note, "yellow")
+    for note in report.remarks:
+        sheet.entry("  note", note, "yellow")
     if files:
         sheet.command(files["report"], "  report")
     sheet.blank()

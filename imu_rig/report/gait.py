@@ -46,12 +46,7 @@ def gait_report(report: GaitReport, *, title: str = TITLE) -> str:
 def _verdict(report: GaitReport, comparison: TrialComparison | None) -> Html:
     strides = sum(len(trial.strides) for trial in report.trials)
     headline = f"{counted(strides, 'stride')} in {counted(len(report.trials), 'trial')}"
-    several = len(report.trials) > 1
-    notes = [
-        f"{trial.name}: {note}" if several else note
-        for trial in report.trials
-        for note in trial.notes
-    ]
+    notes = report.remarks
     sentences = []
     if report.known is not None:
         error = np.array([t.ours[0] for t in report.trials]) - report.known[0]

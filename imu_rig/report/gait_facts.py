@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,11 +54,25 @@ class GaitReport:
         How far every trial went along each axis [m], where that is known.
     facts : tuple of (str, str)
         How it was analysed.
+    left_out : tuple of (str, str)
+        Trials that could not be followed, and why.
     """
 
     trials: tuple[GaitTrial, ...]
     known: FloatArray | None = None
-    facts: tuple[tuple[str, str], ...] = field(default=())
+    facts: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def remarks(self) -> list[str]:
+        """What its reader should know of single trials, a sentence each."""
+        several = len(self.trials) + len(self.left_out) > 1
+        notes = [
+            f"{trial.name}: {note}" if several else note
+            for trial in self.trials
+            for note in trial.notes
+        ]
+        return [f"{name} is left out: {why}" for name, why in self.left_out] + notes
 
     @property
     def integrated(self) -> list[GaitTrial]:

@@ -242,3 +242,22 @@ def test_a_recording_without_gyroscope_is_refused(inside: Run, tmp_path: Path) -
     for what in ("foot", "gait"):
         done = inside("analyze", what, table, "--accel-unit", "m/s2", "--no-files", code=2)
         assert "no gyroscope" in done.stderr
+
+
+def test_a_trial_that_cannot_be_followed_is_left_out_of_the_others(
+    inside: Run, walked: Walked, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(1)
+    table = tmp_path / "shaken.csv"
+    shaken = np.column_stack(
+        (np.arange(600) / 100.0, rng.normal([0, 0, 9.8, 0, 0, 0], 3.0, (600, 6)))
+    )
+    np.savetxt(table, shaken, delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+    units = ("--accel-unit", "m/s2", "--gyro-unit", "rad/s")
+    trial = tmp_path / "shaken.imu-trial"
+    inside("import", table, *units, "-o", trial)
+    alone = inside("analyze", "gait", trial, "--no-files", code=2)
+    assert "shaken.imu-trial" in alone.stderr
+    both = json.loads(inside("analyze", "gait", walked.trial, trial, "--no-files", "--json").stdout)
+    assert list(both["left_out"]) == ["shaken"]
+    assert [one["trial"] for one in both["trials"]] == ["walk, left-foot", "walk, right-foot"]
