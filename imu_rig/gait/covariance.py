@@ -25,14 +25,15 @@ from imu_rig.units import DEG
 
 LEAST_FACTOR = 0.01
 """Of the variances of noise: a tenth of the noise that the smoother allows for. It allows for feet
-that slip and sensors that lag; feet and sensors that do neither still have that much left."""
+that slip and sensors that lag; where innovations show neither, that much may still be."""
 
 LEAST_VELOCITY = 0.005
 """A foot that stands moves inside of its shoe, and a shoe is not rigid: what the zero-velocity
 updates trust at best [m/s]."""
 
-LEAST_HEIGHT = 0.005
-"""So much do floors differ from level, and soles from flat [m]."""
+LEAST_PLACE = 0.005
+"""So far does a foot come to rest from where it seemed to: floors are not level, soles not flat,
+and what rolls is no rigid body [m]."""
 
 CALIBRATED_BIAS = 0.1 * DEG
 """A gyroscope's bias of a sensor whose gains and axes are within some tenths of a percent
@@ -105,12 +106,12 @@ def track_covariance(
     )
     values = factor * random + constant @ constant.transpose(0, 2, 1)
     least = np.zeros(9)
-    least[3:6], least[8] = LEAST_VELOCITY**2, LEAST_HEIGHT**2
+    least[3:6], least[6:9] = LEAST_VELOCITY**2, LEAST_PLACE**2
     values += np.diag(least)
     places = constant[at_falls, 6:9].transpose(0, 2, 1)
     common = places[1:] - places[:-1]
     strides = factor * between[at_falls[:-1]] + common.transpose(0, 2, 1) @ common
-    strides[:, 2, 2] += 2.0 * LEAST_HEIGHT**2
+    strides += 2.0 * LEAST_PLACE**2 * np.eye(3)
     return TrajectoryCovariance(rows, _even(values), _even(strides), common)
 
 
@@ -149,13 +150,11 @@ def believed_grade(
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:
     """Return the samples at which a covariance is told.
 
-    The first and the last, the quietest of each footfall, those halfway between, and more where
-    they would be further apart than `ROW_S`.
+    The first and the last, the quietest of each footfall, three between any two of these, and more
+    where they would be further apart than `ROW_S`.
     """
     known = np.unique(np.concatenate(([0], footfalls.quietest, [len(t) - 1]))).astype(np.int64)
-    middles = (known[1:] + known[:-1]) // 2
-    known = np.unique(np.concatenate((known, middles)))
-    number = np.maximum(1, np.ceil(np.diff(t[known]) / ROW_S)).astype(np.int64)
+    number = np.maximum(4, np.ceil(np.diff(t[known]) / ROW_S)).astype(np.int64)
     number = np.minimum(number, np.diff(known))
     extra = [
         first + (last - first) * np.arange(1, parts) // parts
