@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imu_rig.arrays import FloatArray
+from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M
 from imu_rig.gait.options import FootOptions
@@ -89,3 +89,39 @@ def _share(t: FloatArray, correlated_s: float) -> FloatArray:
     spacing[1:-1] = 0.5 * (t[2:] - t[:-2])
     spacing[0], spacing[-1] = t[1] - t[0], t[-1] - t[-2]
     return np.asarray(correlated_s / np.clip(spacing, 1e-6, correlated_s))
+
+
+def thinned(t: FloatArray, sigma: FloatArray, spacing_s: float, kept: IntArray) -> FloatArray:
+    """Return uncertainties with those of neighbouring samples joined in one of them, (n,).
+
+    Errors of a stance last longer than a sample: measuring its zero velocity less often, and as
+    much more surely, says the same and takes less time.
+
+    Parameters
+    ----------
+    t : shape (n,)
+        Times [s], never decreasing.
+    sigma : shape (n,)
+        Of independent measurements; infinite where there is none.
+    spacing_s : float
+        Samples within the same interval of this length [s] are joined in the surest one.
+    kept : shape (k,)
+        Samples that are preferred to surer ones.
+    """
+    rows = np.flatnonzero(np.isfinite(sigma))
+    if len(rows) == 0:
+        return sigma
+    interval = np.floor((t[rows] - t[0]) / spacing_s + 1e-6)
+    begins = np.flatnonzero(np.diff(interval, prepend=-1.0) > 0.0)
+    information = 1.0 / np.square(sigma[rows])
+    total = np.add.reduceat(information, begins)
+    preferred = np.zeros(len(sigma), dtype=bool)
+    preferred[kept] = True
+    worth = np.where(preferred[rows], np.inf, information)
+    best = np.maximum.reduceat(worth, begins)
+    owner = np.repeat(np.arange(len(begins)), np.diff(begins, append=len(rows)))
+    is_best = np.flatnonzero(worth >= best[owner])
+    chosen = np.flatnonzero(np.diff(owner[is_best], prepend=-1) > 0)
+    joined = np.full(len(sigma), np.inf)
+    joined[rows[is_best[chosen]]] = 1.0 / np.sqrt(total)
+    return joined

@@ -90,6 +90,9 @@ class FootOptions:
     correlated_s : float
         Errors of "the velocity is zero" last so long [s], the time in which a foot rolls on; the
         measurement's weight follows time, not the number of samples.
+    measured_every_s : float
+        Zero velocity is measured once in this time [s] and the surer for it: well below
+        `correlated_s`, so that nothing is lost, and above a sample's time, which saves work.
     gate : float
         Innovations beyond so many sigma are given more noise, so that they count as if they were
         at that bound: 3, as errors of motion have heavier tails than a normal distribution.
@@ -129,6 +132,7 @@ class FootOptions:
     level: Level = "auto"
     stance: StanceOptions = StanceOptions()
     correlated_s: float = 0.05
+    measured_every_s: float = 0.02
     gate: float = 3.0
     gate_cap: float = 10.0
     gyro_noise: float = 0.03 * DEG

@@ -13,7 +13,7 @@ from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias
 from imu_rig.gait.covariance import track_covariance
-from imu_rig.gait.filter_inputs import foot_inputs, foot_model
+from imu_rig.gait.filter_inputs import foot_inputs, foot_model, thinned
 from imu_rig.gait.fitness import check_recording, check_track
 from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
 from imu_rig.gait.grade import SensorGrade
@@ -94,6 +94,8 @@ def smooth_foot(
         )
     up = accel[quietest] / np.linalg.norm(accel[quietest])
     inputs = foot_inputs(t, accel, gyro, zero_velocity, first, options, unseen_motion(block))
+    sigma = thinned(t, inputs.velocity_sigma, options.measured_every_s, footfalls.quietest)
+    inputs = inputs._replace(velocity_sigma=sigma)
     model = foot_model(options, grade, up)
 
     free = smooth_foot_states(inputs, model, estimate_gyro_bias=True)

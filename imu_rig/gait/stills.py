@@ -19,6 +19,9 @@ QUIET_FORCE = 0.1
 """Standard deviations of a foot that stands [rad/s, m/s^2], without the sensor's own noise: a
 tenth of what a stance in walking has."""
 
+CHUNK = 32
+"""Readings in a piece from which the noise is estimated."""
+
 NOISE_MARGIN = 1.5
 """Of the sensor's noise, so much more may be in a window by chance and by vibration."""
 
@@ -130,7 +133,8 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
         Readings [m/s^2, rad/s].
     """
     cells = _cut(t, accel, gyro)
-    quiet = _quiet_cells(cells, _noise(gyro), _noise(accel))
+    rate_noise = _noise(gyro)
+    quiet = _quiet_cells(cells, rate_noise, _noise(accel))
     first, last = runs(quiet)
     longer = last > first
     first, last = first[longer], last[longer]
@@ -145,7 +149,7 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
     rate = (turned - _turn_seen(cells, first, last)) / duration[:, np.newaxis]
     up, wander = _tilt(cells, first, last)
     count = _over(cells.count, first, last)
-    noise = NOISE_MARGIN * _noise(gyro) / np.sqrt(count)
+    noise = NOISE_MARGIN * rate_noise / np.sqrt(count)
     turn = np.maximum(TURN_SHARE * wander, LEAST_TURN)
     stills = Stills(
         cells.edges[first],
@@ -266,13 +270,15 @@ def _noise(readings: FloatArray) -> float:
 
     Second differences of readings hardly contain the motion of a foot near rest.
     """
-    if len(readings) < 64:
+    if len(readings) < 2 * CHUNK:
         return 0.0
-    second = readings[2:] - 2.0 * readings[1:-1] + readings[:-2]
-    square = np.einsum("ij,ij->i", second, second)
-    rows = len(square) // 32 * 32
-    by_chunk = np.sort(square[:rows].reshape(-1, 32).mean(axis=1))
-    return float(np.sqrt(by_chunk[len(by_chunk) // 20] / 18.0))
+    # A thousand pieces tell as well as all.
+    chunks = len(readings) // CHUNK
+    begin = CHUNK * np.unique(np.linspace(0, chunks - 1, min(chunks, 1000)).astype(np.int64))
+    pieces = readings[begin[:, np.newaxis] + np.arange(CHUNK)]
+    second = pieces[:, 2:] - 2.0 * pieces[:, 1:-1] + pieces[:, :-2]
+    square = np.sort(np.einsum("kij,kij->k", second, second) / (CHUNK - 2))
+    return float(np.sqrt(square[len(square) // 20] / 18.0))
 
 
 def _over(per_cell: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
