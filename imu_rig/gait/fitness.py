@@ -12,15 +12,24 @@ import numpy as np
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
-from imu_rig.gait.axes import AxesAgreement, compare_axes
+from imu_rig.gait.axes import (
+    FEWEST_STRIDES,
+    AxesAgreement,
+    ClockAgreement,
+    compare_axes,
+    compare_clocks,
+    gravity_at_rest,
+    sample_strides,
+)
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.form import check_form
-from imu_rig.gait.stills import find_stills
+from imu_rig.gait.stills import Stills, find_stills
 from imu_rig.gait.trajectory import FootTrack
 from imu_rig.gait.unseen import (
     CLIP_ABOVE_ACCEL,
     CLIP_ABOVE_GYRO,
     STEP_S,
+    SWING_S,
     find_clipping,
     find_gaps,
 )
@@ -44,6 +53,10 @@ SCALE_REFUSED = 0.15
 LIKELY_G, LIKELY_MG = (0.5, 2.0), (500.0, 2000.0)
 ANY_REST = (0.4, 3.0)
 """Sizes of specific force in the quietest moments of a recording without any rest, over g."""
+
+GAIN_TOLD = 0.02
+MISSING_REFUSED = 0.05
+"""With a twentieth of the moving time in gaps, every other stride has one."""
 
 CUT_REFUSED, CUT_MUCH = 0.2, 0.05
 """With a fifth of the moving time beyond the range of the sensor, most of every strike or swing is
@@ -94,31 +107,27 @@ def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tu
     accel = np.ascontiguousarray(block.accel, dtype=float)
     gyro = np.ascontiguousarray(block.gyro, dtype=float)
     block = ImuBlock(np.asarray(block.t, dtype=float), accel, gyro, block.host_s)
-    rate = np.linalg.norm(gyro, axis=1)
-    if np.percentile(rate, 99) > MOST_RATE:
+    rate = np.sqrt(np.einsum("ij,ij->i", gyro, gyro))
+    usual, most = np.percentile(rate, (99.0, 99.5))
+    if usual > MOST_RATE:
         raise DataError(
-            f"the gyroscope reads {np.percentile(rate, 99):.0f} rad/s, faster than any foot turns; "
-            "it is probably in deg/s: state its unit (--gyro-unit deg/s)"
+            f"the gyroscope reads {usual:.0f} rad/s, faster than any foot turns; it is probably in "
+            "deg/s: state its unit (--gyro-unit deg/s)"
         )
-    notes += _check_gravity(block, gravity)
+    stills = find_stills(block.t, accel, gyro)
+    notes += _check_gravity(block, stills, gravity)
     cut, told = _check_ranges(block)
     notes += told
-    agreement = compare_axes(block, gravity)
-    if cut < CUT_MUCH and not _plausible(agreement, block, rate):
-        raise DataError(_disagreement(agreement))
     notes += _check_gaps(block)
+    if cut < CUT_MUCH:
+        _require_agreement(block, stills, gravity, float(most))
     return tuple(notes)
 
 
-def _check_gravity(block: ImuBlock, gravity: float) -> list[str]:
+def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]:
     """Compare the accelerometer with gravity where the sensor rests most."""
-    stills = find_stills(block.t, block.accel, block.gyro)
     if len(stills):
-        sizes = [
-            np.linalg.norm(block.accel[begin:end].mean(axis=0))
-            for begin, end in zip(stills.begin, stills.end, strict=True)
-        ]
-        size, bounds = float(np.median(sizes)), (1 - SCALE_REFUSED, 1 + SCALE_REFUSED)
+        size, bounds = gravity_at_rest(block, stills), (1 - SCALE_REFUSED, 1 + SCALE_REFUSED)
     else:
         columns = np.hstack((block.accel, np.sum(block.gyro**2, axis=1, keepdims=True)))
         mean = moving_mean(block.t, columns, 0.125)
@@ -150,11 +159,29 @@ def _check_gravity(block: ImuBlock, gravity: float) -> list[str]:
     )
 
 
-def _plausible(agreement: AxesAgreement, block: ImuBlock, rate: FloatArray) -> bool:
-    """Tell whether accelerometer and gyroscope may be right, of few strides too."""
+def _require_agreement(block: ImuBlock, stills: Stills, gravity: float, turns: float) -> None:
+    """Refuse what gyroscope and accelerometer contradict each other in."""
+    strides = sample_strides(block, stills, gravity)
+    axes = compare_axes(strides)
     shakes = float(np.sqrt(np.var(block.accel, axis=0).sum()))
-    lazy = shakes > SHAKES and float(np.percentile(rate, 99.5)) < TURNS
-    return agreement.agree and not (lazy and agreement.best[0, 0] > 1.0)
+    lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
+    if lazy or not axes.agree:
+        raise DataError(_disagreement(axes))
+    if axes.strides >= FEWEST_STRIDES:
+        clocks = compare_clocks(strides)
+        if not clocks.agree:
+            raise DataError(_apart(clocks))
+
+
+def _apart(clocks: ClockAgreement) -> str:
+    late = 1e3 * clocks.late_s
+    text = (
+        "gyroscope and accelerometer contradict each other: strides would end at rest if the "
+        f"gyroscope came {abs(late):.0f} ms {'earlier' if late > 0 else 'later'}"
+    )
+    if abs(clocks.gain - 1.0) > GAIN_TOLD:
+        text += f" and its readings, or all intervals of time, were multiplied by {clocks.gain:.2f}"
+    return f"{text}; correct the times or calibrate the gyroscope"
 
 
 def _disagreement(agreement: AxesAgreement) -> str:
@@ -187,22 +214,34 @@ def _check_gaps(block: ImuBlock) -> list[str]:
         return []
     start = block.t[gaps.row] - gaps.length
     swing = ~gaps.resting
-    hidden = gaps.length >= STEP_S
-    if hidden.any():
-        at = int(np.argmax(hidden))
+    for hidden, what in (
+        (gaps.length >= STEP_S, "long enough for a step"),
+        (swing & (gaps.length >= SWING_S), "while the foot swung"),
+    ):
+        if hidden.any():
+            at = int(np.argmax(hidden))
+            raise DataError(
+                f"{gaps.length[at]:.2f} s are missing at {start[at]:.2f} s, {what}; cut the "
+                "recording there and work out its parts"
+            )
+    moving = np.linalg.norm(block.gyro[:-1], axis=1) > TURNS
+    missing = float(gaps.length[swing].sum())
+    time = float(np.diff(block.t)[moving].sum())
+    if missing > MISSING_REFUSED * time:
         raise DataError(
-            f"{gaps.length[at]:.2f} s are missing at {start[at]:.2f} s, long enough for a step; "
-            "cut the recording there and work out its parts"
+            f"{100 * missing / max(time, missing):.0f} % of the time in which the foot moved is "
+            "missing; see that the sensor loses fewer samples"
         )
     notes = []
     if swing.any():
         worst = int(np.argmax(np.where(swing, gaps.length, 0.0)))
         notes.append(
-            f"{int(swing.sum())} gaps while the foot moved, up to {1e3 * gaps.length[worst]:.0f} ms"
-            f" at {start[worst]:.2f} s: these strides are less certain"
+            f"while the foot moved, samples are missing {int(swing.sum())} times, the longest "
+            f"{1e3 * gaps.length[worst]:.0f} ms at {start[worst]:.2f} s: such strides are less "
+            "certain"
         )
     if gaps.resting.any():
-        notes.append(f"{int(gaps.resting.sum())} gaps while the foot stood do no harm")
+        notes.append(f"{int(gaps.resting.sum())} times samples are missing of a foot that stands")
     return notes
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.gait.footfalls import runs
+from imu_rig.gait.trajectory import Footfalls, TrajectoryCovariance
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 GAP_S, GAP_RATIO = 0.03, 1.8
@@ -20,6 +21,10 @@ STEP_S = 0.35
 
 REST_RATE, REST_FORCE = 1.0, 2.0
 """Beside a gap, a foot rests that turns and is accelerated by less than this [rad/s, m/s^2]."""
+
+SWING_S = 0.15
+"""Of a swing, which takes 0.35 s or longer, a part this long cannot be bridged [s]: the foot turns
+by 60 deg and more meanwhile."""
 
 BESIDE_S = 0.03
 
@@ -83,10 +88,13 @@ class Unseen:
         About each axis since the sample before [rad].
     velocity : shape (n,)
         Along each axis [m/s].
+    place : shape (n,)
+        Along each axis, what is left when turn and velocity are known [m].
     """
 
     turn: FloatArray
     velocity: FloatArray
+    place: FloatArray
 
 
 def find_gaps(block: ImuBlock) -> Gaps:
@@ -139,19 +147,38 @@ def unseen_motion(block: ImuBlock) -> Unseen:
     Over a gap of length T, readings are taken to go straight from one end to the other. What they
     really did is taken for a random walk tied at both ends, whose integral has the standard
     deviation ``D(T) T / sqrt(12)`` with D(T) the root mean square of the difference of readings T
-    apart, as measured around the gap. Where a range ended, a parabola with the slopes at
-    its edges rises above it: its area, ``slope d^2 / 6``, is what is missing.
+    apart, as measured around the gap. A whole swing of the acceleration in between leaves the
+    velocity as it is and moves the foot by ``D(T) T^2 / (2 pi)``. Where a range ended, a parabola
+    with the slopes at its edges rises above it: its area, ``slope d^2 / 6``, is what is missing.
     """
-    turn, velocity = np.zeros(len(block)), np.zeros(len(block))
+    turn, velocity, place = (np.zeros(len(block)) for _ in range(3))
     gaps = find_gaps(block)
     for row, length, resting in zip(gaps.row, gaps.length, gaps.resting, strict=True):
         if not resting:
             scale = length / np.sqrt(12.0)
             turn[row] += scale * _difference(block.t, block.gyro, row, length)
-            velocity[row] += scale * _difference(block.t, block.accel, row, length)
+            force = _difference(block.t, block.accel, row, length)
+            velocity[row] += scale * force
+            place[row] += length**2 / (2.0 * np.pi) * force
     turn += _cut_off(block.t, block.gyro, find_clipping(block.gyro, CLIP_ABOVE_GYRO))
     velocity += _cut_off(block.t, block.accel, find_clipping(block.accel, CLIP_ABOVE_ACCEL))
-    return Unseen(turn, velocity)
+    return Unseen(turn, velocity, place)
+
+
+def widened(
+    covariance: TrajectoryCovariance, unseen: Unseen, footfalls: Footfalls
+) -> TrajectoryCovariance:
+    """Return the covariance with what the foot may have moved unseen added to it."""
+    if not unseen.place.any():
+        return covariance
+    moved = np.cumsum(unseen.place**2)
+    values, strides = covariance.values.copy(), covariance.strides.copy()
+    axes = np.arange(3)
+    since = moved[covariance.rows] - moved[covariance.rows[0]]
+    values[:, 6 + axes, 6 + axes] += since[:, np.newaxis]
+    rows = footfalls.quietest
+    strides[:, axes, axes] += (moved[rows[1:]] - moved[rows[:-1]])[:, np.newaxis]
+    return replace(covariance, values=values, strides=strides)
 
 
 def _rests(block: ImuBlock, row: int, way: int) -> bool:
