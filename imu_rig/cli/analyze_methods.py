@@ -126,13 +126,15 @@ def _by_two_filters(block: ImuBlock, way: Way) -> Found:
 
     from imu_rig.gait.adaptive import detect_stance
     from imu_rig.gait.detectors import detector_named
+    from imu_rig.gait.fitness import check_recording, check_track
     from imu_rig.gait.footfalls import find_footfalls
     from imu_rig.gait.mounting import find_foot_axes, first_heading
     from imu_rig.gait.trajectory import FootTrack
     from imu_rig.gait.two_filter import TwoFilterOptions, smooth_steps
     from imu_rig.gait.zero_velocity import ZeroVelocity
 
-    block, bias = without_bias(block)
+    raw, told = block, check_recording(block, gravity=way.gravity)
+    block, bias = without_bias(raw)
     name = way.detector or PAPERS_DETECTOR
     zero = (
         detect_stance(block.t, block.accel, block.gyro, way.options.stance, way.gravity)
@@ -154,7 +156,8 @@ def _by_two_filters(block: ImuBlock, way: Way) -> Found:
     turned = steps.smoothed.trajectory
     notes = [
         "The published two-filter method was used: it estimates no sensor errors, and its "
-        "covariance knows of white noise only, so no uncertainty is given."
+        "covariance knows of white noise only, so no uncertainty is given.",
+        *told,
     ]
     if rows.start > 0 or rows.stop < len(block):
         notes.append(
@@ -170,4 +173,5 @@ def _by_two_filters(block: ImuBlock, way: Way) -> Found:
         pivot=np.zeros(3),
         notes=tuple(notes),
     )
-    return Found(track, block[rows], steps)
+    doubts = check_track(track, raw[rows], gravity=way.gravity)
+    return Found(replace(track, notes=(*notes, *doubts)), block[rows], steps)
