@@ -88,13 +88,11 @@ def merge_unmoved(
     stepped = (moved > UNMOVED_M) | (turned > UNTURNED)
     begins = np.flatnonzero(np.concatenate(([True], stepped)))
     ends = np.append(begins[1:], len(rows)) - 1
-    quietest = [
-        rows[a + int(np.argmin(statistic[rows[a : b + 1]]))]
-        for a, b in zip(begins, ends, strict=True)
-    ]
-    return Footfalls(
-        footfalls.first[begins], footfalls.last[ends], np.array(quietest, dtype=np.int64)
-    )
+    least = np.minimum.reduceat(statistic[rows], begins)
+    owner = np.repeat(np.arange(len(begins)), ends - begins + 1)
+    found = np.flatnonzero(statistic[rows] <= least[owner])
+    quietest = rows[found[np.flatnonzero(np.diff(owner[found], prepend=-1) > 0)]]
+    return Footfalls(footfalls.first[begins], footfalls.last[ends], quietest)
 
 
 def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:

@@ -24,7 +24,7 @@ from imu_rig.gait.stamps import spread_repeats
 from imu_rig.gait.start import first_attitude
 from imu_rig.gait.stills import find_stills, rough_gyro_bias
 from imu_rig.gait.trajectory import Footfalls, FootTrack, Trajectory
-from imu_rig.gait.unseen import unseen_motion
+from imu_rig.gait.unseen import unseen_motion, widened
 from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.kernels.foot_filter import smooth_foot_states
 from imu_rig.kernels.foot_types import FootInputs, FootStates
@@ -93,7 +93,8 @@ def smooth_foot(
             "and end with a second of standing"
         )
     up = accel[quietest] / np.linalg.norm(accel[quietest])
-    inputs = foot_inputs(t, accel, gyro, zero_velocity, first, options, unseen_motion(block))
+    unseen = unseen_motion(block)
+    inputs = foot_inputs(t, accel, gyro, zero_velocity, first, options, unseen)
     sigma = thinned(t, inputs.velocity_sigma, options.measured_every_s, footfalls.quietest)
     inputs = inputs._replace(velocity_sigma=sigma)
     model = foot_model(options, grade, up)
@@ -110,7 +111,7 @@ def smooth_foot(
     if not covariance:
         return replace(track, notes=notes)
     uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)
-    return replace(track, notes=notes, covariance=uncertainty)
+    return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
 
 
 def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:

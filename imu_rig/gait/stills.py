@@ -25,12 +25,9 @@ CHUNK = 32
 NOISE_MARGIN = 1.5
 """Of the sensor's noise, so much more may be in a window by chance and by vibration."""
 
-TURN_SHARE = 1.0
-"""A foot that stands turns about the vertical, unseen, about as far as it tilts, which the
-accelerometer sees."""
-
-LEAST_TURN = 0.1 * DEG
-"""That far at least [rad]."""
+STANDING_TURN = 0.5 * DEG
+"""A standing foot creeps by about a degree; that about the vertical goes unseen [rad], and adds to
+what is guessed from how far it tilts, which the accelerometer sees."""
 
 TILT_SIGMA = 0.1 * DEG
 """To which the accelerometer tells a change of tilt of a standing foot [rad]: of its own noise and
@@ -150,7 +147,7 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
     up, wander = _tilt(cells, first, last)
     count = _over(cells.count, first, last)
     noise = NOISE_MARGIN * rate_noise / np.sqrt(count)
-    turn = np.maximum(TURN_SHARE * wander, LEAST_TURN)
+    turn = np.hypot(wander, STANDING_TURN)
     stills = Stills(
         cells.edges[first],
         cells.edges[last + 1],
