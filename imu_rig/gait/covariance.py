@@ -39,10 +39,14 @@ CALIBRATED_BIAS = 0.1 * DEG
 """A gyroscope's bias of a sensor whose gains and axes are within some tenths of a percent
 [rad/s]. Over the grades of sensors, gains improve with the root of biases."""
 
-ROW_S = 1.0
-"""Longest time between two rows [s]."""
+ROW_S = 0.3
+"""Longest time between two rows [s]: four rows in a stride of walking, two in that of a sprint."""
 
-BIAS, GYRO, ACCEL, ACCEL_BIAS = slice(0, 3), slice(3, 12), slice(12, 21), slice(21, 24)
+LATE_S = 0.001
+"""Filters of gyroscope and accelerometer differ, and so do the times of their readings [s]; of a
+walk, each millisecond takes two to three thousandths."""
+
+BIAS, GYRO, ACCEL, ACCEL_BIAS, LATE = (slice(0, 3), slice(3, 12), slice(12, 21), slice(21, 24), 24)
 """Constant errors, in the order of `TrajectoryCovariance.common`; matrices row by row."""
 
 
@@ -85,16 +89,18 @@ def track_covariance(
     errors = np.concatenate(
         (
             _root(bias.covariance).ravel(),
-            [grade.gyro_matrix, grade.accel_matrix, grade.accel_bias],
+            [grade.gyro_matrix, grade.accel_matrix, grade.accel_bias, LATE_S],
         )
     )
     begin = _begin(inputs, model, grade, quaternion[level_row], force[level_row])
+    # What was not seen, and how a recording begins, is as uncertain as the smoother takes it.
+    begin[:, :N] /= factor
     process = (model.gyro_noise, model.gyro_motion, model.accel_noise, model.accel_motion)
     smoothed_covariance(
         np.column_stack((inputs.dt, rate, force)),
         quaternion,
         _measured(inputs, model, states),
-        _unseen(inputs),
+        _unseen(inputs) / factor,
         np.array([*process, model.accel_bias_walk, model.gravity, *states.pivot]),
         errors,
         begin,
@@ -150,11 +156,11 @@ def believed_grade(
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:
     """Return the samples at which a covariance is told.
 
-    The first and the last, the quietest of each footfall, three between any two of these, and more
-    where they would be further apart than `ROW_S`.
+    The first and the last, the quietest of each footfall, and so many between that they are hardly
+    further apart than `ROW_S`, one at least.
     """
     known = np.unique(np.concatenate(([0], footfalls.quietest, [len(t) - 1]))).astype(np.int64)
-    number = np.maximum(4, np.ceil(np.diff(t[known]) / ROW_S)).astype(np.int64)
+    number = np.maximum(2, np.ceil(np.diff(t[known]) / ROW_S)).astype(np.int64)
     number = np.minimum(number, np.diff(known))
     extra = [
         first + (last - first) * np.arange(1, parts) // parts

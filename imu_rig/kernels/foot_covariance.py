@@ -22,8 +22,9 @@ from imu_rig.kernels.strapdown import Matrix, Vector, matrix, turned
 N = 16
 """Errors of attitude (3), velocity (3), position (3), accelerometer bias (3), floor, pivot (3)."""
 
-ERRORS = 24
-"""Constant ones: gyro bias (3), gyro matrix (9), accelerometer matrix (9) and bias (3)."""
+ERRORS = 25
+"""Constant ones: gyro bias (3), gyro matrix (9), accelerometer matrix (9) and bias (3), and how
+late the gyroscope comes."""
 
 _WIDTH = N + ERRORS
 _LOG = 2 * N + 1 + ERRORS
@@ -62,10 +63,11 @@ def smoothed_covariance(
     model : shape (9,)
         Process noise of attitude (constant and per rate), of velocity (constant and per
         acceleration), random walk of the accelerometer's bias, gravity, pivot (3).
-    errors : shape (12,)
+    errors : shape (13,)
         Columns of a factor of the gyro bias' covariance (9), standard uncertainties of the gyro's
-        and the accelerometer's matrix and of the accelerometer's bias.
-    begin : shape (16, 40)
+        and the accelerometer's matrix, of the accelerometer's bias, and of the gyroscope's time
+        against the accelerometer's [s].
+    begin : shape (16, 41)
         Covariance of the first errors, and beside it what constant errors did to them.
     rows : shape (m,)
         Samples asked for, ascending, the first sample and the last among them.
@@ -73,7 +75,7 @@ def smoothed_covariance(
         Which of them displacements are counted between.
     random : shape (m, 9, 9)
         Out: covariance of attitude, velocity and position by all that is noise.
-    constant : shape (m, 9, 24)
+    constant : shape (m, 9, 25)
         Out: what each constant error of one standard uncertainty adds.
     between : shape (m, 3, 3)
         Out, at footfalls but the last: covariance of the displacement to the next one, by noise.
@@ -193,6 +195,8 @@ def _predict(
     X[12, 12] += unseen[k, 0]
     for i in range(3):  # a reading that is too large takes its excess from the error of the state
         for j in range(3):
+            late = errors[12] * (readings[k, 1 + j] - readings[k - 1, 1 + j])
+            X[i, N + 24] -= C[3 * i + j] * late
             c = -dt * C[3 * i + j]
             for b in range(3):
                 X[i, N + b] += c * errors[3 * j + b]

@@ -27,7 +27,7 @@ class Trial:
         self.unseen[17], self.unseen[32, 0] = (4.0, 0.01**2, 0.3**2), 0.003**2
         self.model = np.array([0.01, 0.03, 0.02, 0.015, 1e-3, G, 0.01, -0.02, 0.08])
         spread = rng.normal(0.0, 0.003, (3, 3))
-        self.errors = np.concatenate((spread.ravel(), [0.003, 0.004, 0.05]))
+        self.errors = np.concatenate((spread.ravel(), [0.003, 0.004, 0.05, 0.002]))
         self.begin = np.zeros((N, N + ERRORS))
         variances = [0.03, 0.03, 0.0, 1, 1, 1, 0, 0, 0, 0.03, 0.03, 0.03, 3.0, 0.03, 0.03, 0.03]
         np.fill_diagonal(self.begin, np.square(variances))
@@ -57,9 +57,10 @@ class Trial:
         rate_errors[:, 3:12] = self.errors[9] * np.kron(np.eye(3), self.rate[k])
         force_errors = np.zeros((3, ERRORS))
         force_errors[:, 12:21] = self.errors[10] * np.kron(np.eye(3), self.force[k])
-        force_errors[:, 21:] = self.errors[11] * np.eye(3)
+        force_errors[:, 21:24] = self.errors[11] * np.eye(3)
         F[3:6, 0:3], F[3:6, 9:12] = -dt * skew(a), -dt * C
         E[0:3], E[3:6] = -dt * C @ rate_errors, -dt * C @ force_errors
+        E[0:3, 24] = -0.002 * C @ (self.rate[k] - self.rate[k - 1])
         F[6:9] += 0.5 * dt * F[3:6]
         F[6:9, 3:6] += 0.5 * dt * np.eye(3)
         E[6:9] = 0.5 * dt * E[3:6]
