@@ -212,3 +212,22 @@ def smooth_backward(
             0.5 * step,
             (turning, moving, floor, step * noise[5], step * noise[4] if with_bias else 0.0),
         )
+
+
+@compiled
+def integrate(
+    dt: FloatArray, v0: FloatArray, p0: FloatArray, velocity: FloatArray, position: FloatArray
+) -> None:
+    """Write the trapezoid of velocities (n, 3) into ``position``, from ``v0`` and ``p0`` on."""
+    v = (v0[0], v0[1], v0[2])
+    p = (p0[0], p0[1], p0[2])
+    for k in range(len(dt)):
+        half = 0.5 * dt[k]
+        now = (velocity[k, 0], velocity[k, 1], velocity[k, 2])
+        p = (
+            p[0] + half * (v[0] + now[0]),
+            p[1] + half * (v[1] + now[1]),
+            p[2] + half * (v[2] + now[2]),
+        )
+        v = now
+        position[k, 0], position[k, 1], position[k, 2] = p

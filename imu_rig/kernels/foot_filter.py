@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import FloatArray
-from imu_rig.kernels.foot_backward import smooth_backward
+from imu_rig.kernels.foot_backward import integrate, smooth_backward
 from imu_rig.kernels.foot_forward import ROW, filter_forward
 from imu_rig.kernels.foot_types import (
     ACCEL_BIAS,
@@ -91,7 +91,8 @@ def smooth_foot_states(
         smooth_backward(*given, x, *states, gains)
     if not estimate_gyro_bias:
         gyro_bias = np.broadcast_to(first.gyro_bias, (n, 3))
-    position = integral(dt, first, velocity)
+    position = np.empty((n, 3))
+    integrate(dt, first.velocity, first.position, velocity, position)
     P = np.triu(P) + np.triu(P, 1).T
     end = FootState(
         x[0:4], last, position[-1].copy(), float(x[7]), x[8:11], x[11:14], x[14:17], P,
@@ -124,17 +125,6 @@ def nominal(state: FootState) -> FloatArray:
     return np.concatenate(
         (s.quaternion, s.velocity, [s.height], s.pivot, s.accel_bias, s.gyro_bias, s.gyro, s.accel)
     )
-
-
-def integral(dt: FloatArray, first: FootState, velocity: FloatArray) -> FloatArray:
-    """Return positions (n, 3): the velocities' trapezoid, from ``first`` on."""
-    position = np.empty_like(velocity)
-    position[0] = first.velocity + velocity[0]
-    np.add(velocity[1:], velocity[:-1], out=position[1:])
-    position *= 0.5 * dt[:, None]
-    np.cumsum(position, axis=0, out=position)
-    position += first.position
-    return position
 
 
 def first_state(inputs: FootInputs, model: FootModel) -> FootState:
