@@ -49,8 +49,8 @@ MISFIT, EXPLAINED = 0.3, 0.6
 this share, are not those of a sensor in order. Sensors in order leave 0.1 to 0.3 in simulated
 walks, gyroscopes 20 ms late or with times 10 % off two to four times as much."""
 
-LATE_S, GAIN_OFF = 0.08, 0.25
-"""Beyond these, what is found is no clock and no gain."""
+LATE_S, GAIN_OFF = (0.015, 0.08), (0.05, 0.25)
+"""Below these a sensor may well be off, beyond them what is found is no clock and no gain."""
 
 DELAY_S, GAIN_STEP, ROUNDS = 0.008, 0.02, 4
 
@@ -106,11 +106,13 @@ class ClockAgreement:
     @property
     def agree(self) -> bool:
         """Whether no correction explains most of a large misfit."""
+        late, off = abs(self.late_s), abs(self.gain - 1.0)
         return (
             self.left < MISFIT
             or self.left_corrected > EXPLAINED * self.left
-            or abs(self.late_s) > LATE_S
-            or abs(self.gain - 1.0) > GAIN_OFF
+            or (late < LATE_S[0] and off < GAIN_OFF[0])
+            or late > LATE_S[1]
+            or off > GAIN_OFF[1]
         )
 
 

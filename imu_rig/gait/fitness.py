@@ -63,10 +63,12 @@ CUT_REFUSED, CUT_MUCH = 0.2, 0.05
 lost. From a twentieth on, contradictions of the sensors may come from there."""
 
 REST_ACCEL = 1.5
-REST_SHARE = 0.15
+REST_SHARE, REST_SHARE_SPRINT = 0.15, 0.35
+SPRINT_SWING = 30.0
 """At the quietest moment of a stance a foot is accelerated by less than this [m/s^2], or by less
-than this share of its swings; a running foot, which rolls on, by 1.2 m/s^2 and 6 %. What is waved
-or worn elsewhere turns around there and is accelerated most."""
+than this share of its swings: a running foot, which rolls on, by 1.2 m/s^2 and 6 %. A sprinter's,
+whose swings exceed `SPRINT_SWING` (root mean square, [m/s^2]), never rests and is accelerated by
+17 m/s^2 and 25 %. What is waved or worn elsewhere turns around there: 40 % and more."""
 
 LONG_S, LAG_S, MEAN_S = 1.5, 1.0, 0.5
 DRIFTS = 0.3
@@ -76,8 +78,8 @@ DRIFT_LEAST_S = 1.0
 differ by this [m/s^2] (1.8 deg) within `LAG_S` for a tenth of the time, something moves that does
 not step: a vehicle, a lift, another part of the body."""
 
-LONGEST_STRIDE = 5.0
-"""Of the longest strides of sprinters [m]."""
+LONGEST_STRIDE, FARTHEST = 5.0, 10.0
+"""Sprinters' strides are up to 5 m long; two with a stance between that was missed, up to 10 m."""
 LONGEST_SWING_S = 3.0
 """Without a stance for so long, integration drifts by some decimetres."""
 EDGE_S = 0.3
@@ -302,12 +304,19 @@ def check_track(
     _require_steady(track, t, accel, block.gyro - track.gyro_bias)
     steps = np.diff(track.trajectory.position[rows], axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    if np.any(lengths > LONGEST_STRIDE):
+    if np.any(lengths > FARTHEST):
         at = int(np.argmax(lengths))
         raise DataError(
             _NOT_A_FOOT.format(f"a stride of {lengths[at]:.1f} m at {t[rows[at]]:.1f} s came out")
         )
-    return tuple(_notes_of(track, t))
+    notes = _notes_of(track, t)
+    if np.any(lengths > LONGEST_STRIDE):
+        at = int(np.argmax(lengths))
+        notes.append(
+            f"the stride of {lengths[at]:.1f} m at {t[rows[at]]:.1f} s is longer than people's: a "
+            "stance within it was probably missed"
+        )
+    return tuple(notes)
 
 
 _NOT_A_FOOT = (
@@ -326,7 +335,8 @@ def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: f
     size = np.linalg.norm(moved, axis=1)
     at_rest = float(np.median(size[track.footfalls.quietest]))
     in_swing = float(np.sqrt(np.mean(size[swings] ** 2)))
-    if at_rest > REST_ACCEL and at_rest > REST_SHARE * in_swing:
+    share = REST_SHARE if in_swing < SPRINT_SWING else REST_SHARE_SPRINT
+    if at_rest > REST_ACCEL and at_rest > share * in_swing:
         raise DataError(
             _NOT_A_FOOT.format(f"where it seems to stand it is accelerated by {at_rest:.1f} m/s2")
         )

@@ -312,8 +312,8 @@ class LiveFoot:
         assert begin is not None
         if self.options.level != "never":
             free = self._run(look, self._done, len(look.t))
-            heights = free.position[[begin - self._done, quietest - self._done], 2]
-            level = self.options.level == "always" or level_strides(heights, self.options.step_m)[0]
+            places = free.position[[begin - self._done, quietest - self._done]]
+            level = self.options.level == "always" or level_strides(places, self.options)[0]
             self._floor_sigma[quietest] = self.options.flat_m
             self._floor_step[quietest] = self.options.floor_walk_m if level else FREE_M
             look = self._seen(len(look.t))
