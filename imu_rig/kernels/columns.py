@@ -1,0 +1,83 @@
+"""What numpy takes long for on long tables of three columns: one pass each, no copies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.kernels.compiled import compiled
+
+
+@compiled
+def extent(values: FloatArray) -> FloatArray:
+    """Return least, greatest, mean and variance of three columns.
+
+    Parameters
+    ----------
+    values : shape (n, 3), n at least 1
+        A NaN anywhere in a column makes its mean and variance NaN.
+
+    Returns
+    -------
+    shape (4, 3)
+    """
+    told = np.empty((4, 3))
+    x0, y0, z0 = values[0, 0], values[0, 1], values[0, 2]
+    lx, ly, lz, hx, hy, hz = x0, y0, z0, x0, y0, z0
+    sx, sy, sz, qx, qy, qz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    n = len(values)
+    for k in range(n):
+        x, y, z = values[k, 0], values[k, 1], values[k, 2]
+        lx, ly, lz = min(lx, x), min(ly, y), min(lz, z)
+        hx, hy, hz = max(hx, x), max(hy, y), max(hz, z)
+        x, y, z = x - x0, y - y0, z - z0  # about the first: no cancellation of large means
+        sx, sy, sz = sx + x, sy + y, sz + z
+        qx, qy, qz = qx + x * x, qy + y * y, qz + z * z
+    told[0, 0], told[0, 1], told[0, 2] = lx, ly, lz
+    told[1, 0], told[1, 1], told[1, 2] = hx, hy, hz
+    sx, sy, sz = sx / n, sy / n, sz / n
+    told[2, 0], told[2, 1], told[2, 2] = x0 + sx, y0 + sy, z0 + sz
+    told[3, 0], told[3, 1], told[3, 2] = qx / n - sx * sx, qy / n - sy * sy, qz / n - sz * sz
+    return told
+
+
+@compiled
+def repeated(one: FloatArray, other: FloatArray) -> BoolArray:
+    """Return which rows of two tables (n, 3) are both the same as the row before, shape (n,)."""
+    same = np.zeros(len(one), dtype=np.bool_)
+    for k in range(1, len(one)):
+        same[k] = (
+            one[k, 0] == one[k - 1, 0]
+            and one[k, 1] == one[k - 1, 1]
+            and one[k, 2] == one[k - 1, 2]
+            and other[k, 0] == other[k - 1, 0]
+            and other[k, 1] == other[k - 1, 1]
+            and other[k, 2] == other[k - 1, 2]
+        )
+    return same
+
+
+@compiled
+def bin_sums(values: FloatArray, edges: IntArray) -> FloatArray:
+    """Return sums of three columns and of their squares over rows between ``edges``.
+
+    Parameters
+    ----------
+    values : shape (n, 3)
+    edges : shape (m + 1,) of int
+        Ascending row numbers up to n.
+
+    Returns
+    -------
+    shape (m, 4)
+        The columns' sums, and the sum of all three squares.
+    """
+    sums = np.zeros((len(edges) - 1, 4))
+    for i in range(len(sums)):
+        sx, sy, sz, square = 0.0, 0.0, 0.0, 0.0
+        for k in range(edges[i], edges[i + 1]):
+            x, y, z = values[k, 0], values[k, 1], values[k, 2]
+            sx, sy, sz = sx + x, sy + y, sz + z
+            square += x * x + y * y + z * z
+        sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3] = sx, sy, sz, square
+    return sums

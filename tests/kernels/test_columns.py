@@ -1,0 +1,39 @@
+"""One pass over columns says what numpy says."""
+
+import numpy as np
+import pytest
+
+from imu_rig.kernels.columns import bin_sums, extent, repeated
+
+
+@pytest.fixture
+def values():
+    return np.random.default_rng(2).normal([0.0, 9.8, 1e3], [1.0, 0.1, 1e-3], (500, 3))
+
+
+def test_extent_is_numpys(values):
+    want = [values.min(axis=0), values.max(axis=0), values.mean(axis=0), values.var(axis=0)]
+    assert extent(values) == pytest.approx(np.array(want), rel=1e-9)
+    assert extent(values[:1])[3] == pytest.approx(np.zeros(3))
+
+
+def test_extent_tells_of_nan_anywhere(values):
+    for row in (0, 77, 499):
+        bad = values.copy()
+        bad[row, 1] = np.nan
+        assert np.isnan(extent(bad)[2:]).tolist() == [[False, True, False]] * 2
+
+
+def test_repeats_are_rows_of_which_nothing_changed(values):
+    other = values.copy()
+    values[10:13] = values[9]
+    other[11:14] = other[10]
+    assert np.flatnonzero(repeated(values, other)).tolist() == [11, 12]
+
+
+def test_bins_are_reduced_as_by_numpy(values):
+    edges = np.array([3, 40, 41, 200, 500])
+    got = bin_sums(values, edges)
+    assert got[:, :3] == pytest.approx(np.add.reduceat(values, edges[:-1], axis=0))
+    squares = np.add.reduceat((values**2).sum(axis=1), edges[:-1])
+    assert got[:, 3] == pytest.approx(squares)
