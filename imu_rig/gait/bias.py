@@ -105,6 +105,30 @@ def fuse_gyro_bias(
     return GyroBias(value, 0.5 * (mixed + mixed.T), float(weights[1:].sum()))
 
 
+def bias_wander(t: FloatArray, stills: Stills, value: FloatArray) -> FloatArray:
+    """Return by how much the bias differs from its mean at each sample, shape (n, 3) [rad/s].
+
+    As a sensor warms up its bias changes. What a still reads beyond the mean ``value`` (3,) is
+    believed as far as the wander between the stills exceeds its own uncertainty; between stills it
+    is taken to change evenly, before the first and after the last not at all.
+
+    Parameters
+    ----------
+    t : shape (n,)
+        Times [s], never decreasing.
+    stills : Stills
+        In order of time.
+    value : shape (3,)
+        `GyroBias.value`.
+    """
+    if len(stills) < 2:
+        return np.zeros((len(t), 3))
+    variance = drift_between(stills) ** 2
+    gain = variance * stills.information(float(np.sqrt(variance)))
+    away = np.einsum("kij,kj->ki", gain, stills.rate - value)
+    return np.column_stack([np.interp(t, stills.t, away[:, axis]) for axis in range(3)])
+
+
 def _scales(grade: SensorGrade) -> list[tuple[float, float]]:
     """Return how probable which size of the bias is [rad/s]."""
     scales = [(1.0 - grade.raw_odds, grade.gyro_bias)]

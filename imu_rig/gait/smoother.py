@@ -11,7 +11,7 @@ from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
-from imu_rig.gait.bias import GyroBias, fuse_gyro_bias
+from imu_rig.gait.bias import GyroBias, bias_wander, fuse_gyro_bias
 from imu_rig.gait.covariance import track_covariance
 from imu_rig.gait.filter_inputs import foot_inputs, foot_model, thinned
 from imu_rig.gait.fitness import check_recording, check_track
@@ -102,7 +102,7 @@ def smooth_foot(
     free = smooth_foot_states(inputs, model, estimate_gyro_bias=True)
     bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
     footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
-    inputs = inputs._replace(gyro=gyro - (bias.value - rough))
+    inputs = inputs._replace(gyro=gyro - (bias.value - rough) - bias_wander(t, stills, bias.value))
     if options.level != "never":
         inputs = _with_floor(inputs, footfalls, free.position, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
