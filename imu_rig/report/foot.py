@@ -104,13 +104,12 @@ def _of_foot(report: FootReport, foot: FootAnalysis, drawn: Figures, number: int
                 "left is error.",
             )
     trajectory = element("div", *drawn.parts[begin:], class_="figures")
-    named = f"{foot.name}: " if several else ""
+    named = f"{foot.name} · " if several else ""
+    cards = element("div", *_cards(foot), class_="cards")
     found = [
-        element("div", *_cards(foot), class_="cards"),
+        section(foot.name, cards) if several else cards,
         *_comparisons(foot),
-        section(
-            f"{named}trajectory".capitalize() if not named else f"{named}trajectory", trajectory
-        ),
+        section(f"{named}Trajectory", trajectory),
     ]
     found += _strides(foot, drawn, letter, named)
     found += _stance(foot, drawn, letter, named)
