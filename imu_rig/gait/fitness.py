@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.axes import (
@@ -21,10 +20,9 @@ from imu_rig.gait.axes import (
     gravity_at_rest,
     sample_strides,
 )
-from imu_rig.gait.footfalls import runs
 from imu_rig.gait.form import check_form
+from imu_rig.gait.stepping import check_track
 from imu_rig.gait.stills import Stills, find_stills
-from imu_rig.gait.trajectory import FootTrack
 from imu_rig.gait.unseen import (
     CLIP_ABOVE_ACCEL,
     CLIP_ABOVE_GYRO,
@@ -34,8 +32,9 @@ from imu_rig.gait.unseen import (
     find_gaps,
 )
 from imu_rig.kernels.rolling import moving_mean
-from imu_rig.rotation import from_rotation_vector, rotate
 from imu_rig.units import DEG, STANDARD_GRAVITY
+
+__all__ = ["check_recording", "check_track"]
 
 MOST_RATE = 35.0
 """2000 deg/s [rad/s], the range of most gyroscopes. A foot reaches it in a sprint only, and never
@@ -62,30 +61,10 @@ CUT_REFUSED, CUT_MUCH = 0.2, 0.05
 """With a fifth of the moving time beyond the range of the sensor, most of every strike or swing is
 lost. From a twentieth on, contradictions of the sensors may come from there."""
 
-REST_ACCEL = 1.5
-REST_SHARE, REST_SHARE_SPRINT = 0.15, 0.35
-SPRINT_SWING = 30.0
-"""At the quietest moment of a stance a foot is accelerated by less than this [m/s^2], or by less
-than this share of its swings: a running foot, which rolls on, by 1.2 m/s^2 and 6 %. A sprinter's,
-whose swings exceed `SPRINT_SWING` (root mean square, [m/s^2]), never rests and is accelerated by
-17 m/s^2 and 25 %. What is waved or worn elsewhere turns around there: 40 % and more."""
 
-LONG_S, LAG_S, MEAN_S = 1.5, 1.0, 0.5
-DRIFTS = 0.3
-DRIFT_SHARE = 0.1
-DRIFT_LEAST_S = 1.0
-"""In stances longer than `LONG_S` the mean specific force follows the gyroscope; if it comes to
-differ by this [m/s^2] (1.8 deg) within `LAG_S` for a tenth of the time, something moves that does
-not step: a vehicle, a lift, another part of the body."""
-
-LONGEST_STRIDE, FARTHEST = 5.0, 10.0
-"""Sprinters' strides are up to 5 m long; two with a stance between that was missed, up to 10 m."""
-LONGEST_SWING_S = 3.0
-"""Without a stance for so long, integration drifts by some decimetres."""
-EDGE_S = 0.3
-
-
-def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tuple[str, ...]:
+def check_recording(
+    block: ImuBlock, *, gravity: float = STANDARD_GRAVITY, stills: Stills | None = None
+) -> tuple[str, ...]:
     """Check a recording of a foot before anything is worked out from it.
 
     Parameters
@@ -94,6 +73,8 @@ def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tu
         As it was read, no bias taken off.
     gravity : float
         Local gravity [m/s^2].
+    stills : Stills, optional
+        Of the recording, where they are known already.
 
     Returns
     -------
@@ -116,7 +97,7 @@ def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tu
             f"the gyroscope reads {usual:.0f} rad/s, faster than any foot turns; it is probably in "
             "deg/s: state its unit (--gyro-unit deg/s)"
         )
-    stills = find_stills(block.t, accel, gyro)
+    stills = find_stills(block.t, accel, gyro) if stills is None else stills
     notes += _check_gravity(block, stills, gravity)
     cut, told = _check_ranges(block)
     notes += told
@@ -269,132 +250,3 @@ def _check_ranges(block: ImuBlock) -> tuple[float, list[str]]:
             raise DataError(f"{text}; set a wider range and record again")
         notes.append(f"{text}: strides are less certain")
     return most, notes
-
-
-def check_track(
-    track: FootTrack, block: ImuBlock, *, gravity: float = STANDARD_GRAVITY
-) -> tuple[str, ...]:
-    """Check what came out: whether it is the motion of a foot that steps.
-
-    Parameters
-    ----------
-    track : FootTrack
-        As smoothed.
-    block : ImuBlock
-        What it was made of.
-    gravity : float
-        [m/s^2]
-
-    Returns
-    -------
-    tuple of str
-        What its reader should know, a sentence each without its stop.
-
-    Raises
-    ------
-    DataError
-        If it is not.
-    """
-    rows = track.footfalls.quietest
-    if not len(rows):
-        raise DataError(_NOT_A_FOOT.format("it never comes to rest"))
-    t = track.trajectory.t
-    accel = np.ascontiguousarray(block.accel, dtype=float) - track.accel_bias
-    _require_rest(track, t, accel, gravity)
-    _require_steady(track, t, accel, block.gyro - track.gyro_bias)
-    steps = np.diff(track.trajectory.position[rows], axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    if np.any(lengths > FARTHEST):
-        at = int(np.argmax(lengths))
-        raise DataError(
-            _NOT_A_FOOT.format(f"a stride of {lengths[at]:.1f} m at {t[rows[at]]:.1f} s came out")
-        )
-    notes = _notes_of(track, t)
-    if np.any(lengths > LONGEST_STRIDE):
-        at = int(np.argmax(lengths))
-        notes.append(
-            f"the stride of {lengths[at]:.1f} m at {t[rows[at]]:.1f} s is longer than people's: a "
-            "stance within it was probably missed"
-        )
-    return tuple(notes)
-
-
-_NOT_A_FOOT = (
-    "this is not a foot that steps: {}; fix the sensor to the foot, and if it was, check units, "
-    "axes and range"
-)
-
-
-def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: float) -> None:
-    """Refuse what is accelerated in the moments that were taken for rest."""
-    swings = ~track.zero_velocity.still
-    if not swings.any():
-        return
-    mean = moving_mean(t, accel, 0.025)
-    moved = rotate(track.trajectory.quaternion, mean) - np.array([0.0, 0.0, gravity])
-    size = np.linalg.norm(moved, axis=1)
-    at_rest = float(np.median(size[track.footfalls.quietest]))
-    in_swing = float(np.sqrt(np.mean(size[swings] ** 2)))
-    share = REST_SHARE if in_swing < SPRINT_SWING else REST_SHARE_SPRINT
-    if at_rest > REST_ACCEL and at_rest > share * in_swing:
-        raise DataError(
-            _NOT_A_FOOT.format(f"where it seems to stand it is accelerated by {at_rest:.1f} m/s2")
-        )
-
-
-def _require_steady(track: FootTrack, t: FloatArray, accel: FloatArray, gyro: FloatArray) -> None:
-    """Refuse what is accelerated slowly while it seems to stand."""
-    begin, end = _moments(track.zero_velocity.still, t)
-    if not len(begin):
-        return
-    mean = moving_mean(t, accel, 0.5 * MEAN_S)
-    dt = np.diff(t, prepend=t[0])[:, np.newaxis]
-    turned = np.cumsum(gyro * dt, axis=0)
-    before = rotate(from_rotation_vector(turned[begin] - turned[end]), mean[begin])
-    off = np.linalg.norm(mean[end] - before, axis=1) > DRIFTS
-    share = float(off.mean())
-    if share > DRIFT_SHARE and off.sum() * 0.1 > DRIFT_LEAST_S:
-        raise DataError(
-            _NOT_A_FOOT.format(
-                f"for {100 * share:.0f} % of the time that it seems to stand its acceleration "
-                "changes, as in a vehicle or a lift"
-            )
-        )
-
-
-def _moments(still: BoolArray, t: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return pairs of samples `LAG_S` apart in long stances."""
-    begins = []
-    for first, last in zip(*runs(still), strict=True):
-        if t[last] - t[first] >= LONG_S:
-            half = 0.5 * MEAN_S
-            begins.append(np.arange(t[first] + half, t[last] - half - LAG_S, 0.1))
-    moments = np.concatenate(begins) if begins else np.empty(0)
-    begin, end = np.searchsorted(t, moments), np.searchsorted(t, moments + LAG_S)
-    return begin.astype(np.int64), end.astype(np.int64)
-
-
-def _notes_of(track: FootTrack, t: FloatArray) -> list[str]:
-    falls = track.footfalls
-    notes = []
-    if len(falls) == 1 and track.zero_velocity.still.all():
-        notes.append("the foot stood all the time: no strides, distance 0")
-    elif len(falls) < 2:
-        notes.append("there is only one stance, so no stride can be measured")
-    away = t[falls.first[1:]] - t[falls.last[:-1]]
-    if len(away) and away.max() > LONGEST_SWING_S:
-        at = int(np.argmax(away))
-        notes.append(
-            f"the foot does not rest for {away[at]:.1f} s from {t[falls.last[at]]:.1f} s on: that "
-            "stride is uncertain"
-        )
-    for word, seconds in (
-        ("before the first", t[falls.first[0]] - t[0]),
-        ("after the last", t[-1] - t[falls.last[-1]]),
-    ):
-        if seconds > EDGE_S:
-            notes.append(
-                f"the foot moves for {seconds:.1f} s {word} stance, which is no whole stride; "
-                "begin and end with two seconds of standing"
-            )
-    return notes
