@@ -116,6 +116,7 @@ def measure_velocity(
     cap: float,
     gains: FloatArray,
     first: int,
+    size: int,
     with_bias: bool,
 ) -> float:
     """Measure that the foot rolls, ``v = C (w x r)``: three rows of ``gains`` from ``first``.
@@ -166,45 +167,33 @@ def measure_velocity(
     gains[first, INNOVATION], gains[first, SLOPE] = x, x / d0
     gains[first + 1, INNOVATION], gains[first + 1, SLOPE] = y, y / d1
     gains[first + 2, INNOVATION], gains[first + 2, SLOPE] = z, z / d2
-    take_three(P, seen, gains, first, WIDTH if with_bias else B)
+    take_three(P, seen, gains, first, size)
     return nis
 
 
 @compiled
-def measure_bias(
-    P: FloatArray, seen: FloatArray, axis: int, nu: float, sigma: float,
-    gains: FloatArray, first: int,
-) -> None:  # fmt: skip
-    """Measure one axis of the gyro bias, off by ``nu``: one row of ``gains``."""
-    k = B + axis
-    for j in range(WIDTH):
-        seen[0, j] = P[min(j, k), max(j, k)]
-    gain_of_one(P, seen, seen[0, k] + sigma * sigma, nu, gains, first, WIDTH)
-
-
-@compiled
-def measure_height(
-    P: FloatArray, seen: FloatArray, nu: float, sigma: float, gate: float, cap: float,
-    gains: FloatArray, first: int, size: int,
-) -> None:  # fmt: skip
-    """Measure the height over the floor, off by ``nu``: one row of ``gains``."""
-    for j in range(WIDTH):
-        seen[0, j] = P[min(j, H), max(j, H)]
-    variance = sigma * sigma
-    nis = nu * nu / (seen[0, H] + variance)
-    variance *= min(max(nis / (gate * gate), 1.0), cap)
-    gain_of_one(P, seen, seen[0, H] + variance, nu, gains, first, size)
-
-
-@inlined
-def gain_of_one(
-    P: FloatArray, seen: FloatArray, variance: float, nu: float, gains: FloatArray, first: int,
+def measure_one(
+    P: FloatArray,
+    seen: FloatArray,
+    state: int,
+    nu: float,
+    sigma: float,
+    gate: float,
+    cap: float,
+    gains: FloatArray,
+    first: int,
     size: int,
-) -> None:  # fmt: skip
-    """Write a row of ``gains`` for one number, and reduce the covariance."""
+) -> None:
+    """Measure one state, off by ``nu``: one row of ``gains``."""
     for j in range(WIDTH):
-        gains[first, j] = seen[0, j] / variance
-    gains[first, INNOVATION], gains[first, SLOPE] = nu, nu / variance
+        seen[0, j] = P[min(j, state), max(j, state)]
+    variance = sigma * sigma
+    nis = nu * nu / (seen[0, state] + variance)
+    variance *= min(max(nis / (gate * gate), 1.0), cap)
+    weight = 1.0 / (seen[0, state] + variance)
+    for j in range(WIDTH):
+        gains[first, j] = weight * seen[0, j]
+    gains[first, INNOVATION], gains[first, SLOPE] = nu, weight * nu
     take_one(P, seen, gains, first, size)
 
 
@@ -265,7 +254,7 @@ def filter_forward(
     n = len(dt)
     seen = np.zeros((3, WIDTH))
     dx = np.zeros(WIDTH)
-    size = WIDTH if with_bias else B
+    size = B + 3 if with_bias else B
     seen_all = len(unseen_turn) == 0
     q = (x[0], x[1], x[2], x[3])
     v = (x[4], x[5], x[6])
@@ -276,7 +265,7 @@ def filter_forward(
     last_w = (x[17], x[18], x[19])
     last_f = (x[20], x[21], x[22])
     C0 = matrix(q)
-    row = 0
+    row = PHI  # zero, but not a constant's type
     for k in range(n):
         step = dt[k]
         read_w = (gyro[k, 0], gyro[k, 1], gyro[k, 2])
@@ -303,21 +292,33 @@ def filter_forward(
         nis[k] = np.nan
         if usable(velocity_sigma[k]):
             nis[k] = measure_velocity(
-                P, seen, C1, w, r, v, velocity_sigma[k], noise[7], noise[8], gains, row, with_bias
+                P,
+                seen,
+                C1,
+                w,
+                r,
+                v,
+                velocity_sigma[k],
+                noise[7],
+                noise[8],
+                gains,
+                row,
+                size,
+                with_bias,
             )
             row += 3
         if with_bias and usable(rest_sigma[k]):
             for i in range(3):
                 dx[:] = 0.0
                 add_correction(dx, gains, before, row)
-                measure_bias(P, seen, i, w[i] - dx[B + i], rest_sigma[k], gains, row)
+                off = w[i] - dx[B + i]
+                measure_one(P, seen, B + i, off, rest_sigma[k], np.inf, 1.0, gains, row, size)
                 row += 1
         if usable(floor_sigma[k]):
             dx[:] = 0.0
             add_correction(dx, gains, before, row)
-            measure_height(
-                P, seen, -h - dx[H], floor_sigma[k], noise[7], noise[8], gains, row, size
-            )
+            off = -h - dx[H]
+            measure_one(P, seen, H, off, floor_sigma[k], noise[7], noise[8], gains, row, size)
             row += 1
         if row > before:
             dx[:] = 0.0
