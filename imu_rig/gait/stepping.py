@@ -126,8 +126,8 @@ def _require_consistent(track: FootTrack, t: FloatArray, accel: FloatArray, grav
     change[1:] = 0.5 * np.diff(t)[:, np.newaxis] * (moved[1:] + moved[:-1])
     velocity = track.trajectory.velocity
     forced = np.diff(velocity[rows], axis=0) - np.diff(np.cumsum(change, axis=0)[rows], axis=0)
-    speed = np.maximum.reduceat(np.linalg.norm(velocity, axis=1), rows[:-1])
-    typical = float(np.percentile(speed[:-1], 75))
+    speed = np.maximum.reduceat(np.linalg.norm(velocity[: rows[-1]], axis=1), rows[:-1])
+    typical = float(np.percentile(speed, 75))
     most = float(np.percentile(np.linalg.norm(forced, axis=1), 75))
     if most > FORCED_SHARE * typical + FORCED:
         raise DataError(

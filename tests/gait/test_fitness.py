@@ -227,3 +227,8 @@ def test_moving_at_the_begin_is_told(foot, swing):
 def test_no_real_recording_is_refused(imu_rig_data):
     for path in sorted((imu_rig_data / "foot" / "pyshoe_vicon").glob("*.mat")):
         check_recording(load_foreign(path).imu())
+
+
+def test_one_stride_is_enough(foot):
+    track = smooth_foot(foot[: int(np.searchsorted(foot.t, 3.75))])
+    assert len(track.footfalls) == 2
