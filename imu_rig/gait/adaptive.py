@@ -12,7 +12,7 @@ from imu_rig.gait.footfalls import runs
 from imu_rig.gait.options import StanceOptions
 from imu_rig.gait.statistic import motion_statistic
 from imu_rig.gait.zero_velocity import ZeroVelocity
-from imu_rig.kernels.rolling import moving_mean, moving_minimum
+from imu_rig.kernels.rolling import moving_level, moving_minimum
 from imu_rig.units import STANDARD_GRAVITY
 
 
@@ -46,12 +46,12 @@ def detect_stance(
     """
     motion = motion_statistic(t, accel, gyro, options.window_s, options, gravity)
     statistic = motion
-    fast = _level(t, motion, options.sprint_stride_s) > options.sprint_level
+    fast = moving_level(t, motion, options.sprint_stride_s) > options.sprint_level
     if fast.any():
         quick = motion_statistic(t, accel, gyro, options.sprint_window_s, options, gravity)
         statistic = np.where(fast, quick, motion)
     quietest = moving_minimum(t, statistic, options.quiet_s)
-    threshold = stride_threshold(quietest, _level(t, motion, options.level_s), options)
+    threshold = stride_threshold(quietest, moving_level(t, motion, options.level_s), options)
     return stance(statistic, threshold, options)
 
 
@@ -76,11 +76,6 @@ def stride_threshold(quietest: FloatArray, level: FloatArray, options: StanceOpt
     middle = np.clip(np.sqrt(quietest * level), options.lowest, options.highest)
     sprint = np.minimum(options.sprint_ratio * quietest, options.sprint_share * level)
     return np.asarray(np.maximum(middle, np.minimum(sprint, options.sprint_highest)))
-
-
-def _level(t: FloatArray, statistic: FloatArray, reach_s: float) -> FloatArray:
-    square = np.square(statistic)[:, np.newaxis]
-    return np.asarray(np.sqrt(np.maximum(moving_mean(t, square, reach_s)[:, 0], 0.0)))
 
 
 def stance(

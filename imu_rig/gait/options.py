@@ -103,11 +103,8 @@ class FootOptions:
         errors of scale, alignment and bandwidth (half a percent over 0.3 s) outweigh the noise.
     accel_noise, accel_motion : float
         The same for specific force [m/s^2/sqrt(Hz)], and per acceleration [1/sqrt(Hz)].
-    accel_bias : float
-        Standard uncertainty of the accelerometer's bias [m/s^2]: 3 mg of a sensor that was
-        calibrated some days ago. More could not be told from a tilt.
     accel_bias_walk : float
-        By which it wanders [m/s^2/sqrt(s)].
+        By which the accelerometer's bias wanders [m/s^2/sqrt(s)]; its size is in `SensorGrade`.
     pivot_m, pivot_sigma_m : float
         Height of the sensor above the point about which a standing foot rolls, along the vertical
         [m], and its standard uncertainty along every axis: an instep, between toe and ankle.
@@ -139,7 +136,6 @@ class FootOptions:
     gyro_motion: float = 0.003
     accel_noise: float = 0.02
     accel_motion: float = 0.015
-    accel_bias: float = 0.03
     accel_bias_walk: float = 1e-4
     pivot_m: float = 0.08
     pivot_sigma_m: float = 0.03

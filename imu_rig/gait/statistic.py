@@ -6,7 +6,7 @@ import numpy as np
 
 from imu_rig.arrays import FloatArray
 from imu_rig.gait.options import StanceOptions
-from imu_rig.kernels.rolling import moving_mean
+from imu_rig.kernels.rolling import moving_motion
 from imu_rig.units import STANDARD_GRAVITY
 
 
@@ -45,14 +45,12 @@ def motion_statistic(
     shape (n,)
         [m/s]
     """
-    columns = np.empty((len(t), 5))
-    columns[:, :3] = accel
-    columns[:, 3] = np.einsum("ij,ij->i", accel, accel)
-    columns[:, 4] = np.einsum("ij,ij->i", gyro, gyro)
-    mean = moving_mean(t, columns, 0.5 * window_s)
-    size = np.sqrt(np.einsum("ij,ij->i", mean[:, :3], mean[:, :3]))
-    # |f - g u|^2 on average, multiplied out.
-    force = np.maximum(mean[:, 3] - 2.0 * gravity * size + gravity**2, 0.0)
-    rate = np.maximum(mean[:, 4], 0.0)
-    square = options.lever**2 * rate + options.settling_s**2 * force
-    return np.asarray(np.sqrt(square))
+    return moving_motion(
+        t,
+        np.asarray(accel, dtype=float),
+        np.asarray(gyro, dtype=float),
+        0.5 * window_s,
+        options.lever,
+        options.settling_s,
+        gravity,
+    )

@@ -8,6 +8,7 @@ import numpy as np
 
 from imu_rig.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from imu_rig.gait.footfalls import runs
+from imu_rig.kernels.rolling import cell_sums
 from imu_rig.units import DEG
 
 CELL_S = 0.25
@@ -229,12 +230,7 @@ def _cut(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> _Cells:
         none = np.empty((0, 3))
         empty = np.empty(0)
         return _Cells(np.zeros(1, np.int64), empty, empty, empty, none, none, empty, empty)
-    columns = np.empty((edges[-1], 8))
-    columns[:, :3] = gyro[: edges[-1]]
-    columns[:, 3:6] = accel[: edges[-1]]
-    columns[:, 6] = np.einsum("ij,ij->i", columns[:, :3], columns[:, :3])
-    columns[:, 7] = np.einsum("ij,ij->i", columns[:, 3:6], columns[:, 3:6])
-    sums = np.add.reduceat(columns, edges[:-1], axis=0)
+    sums = cell_sums(edges, np.asarray(gyro, dtype=float), np.asarray(accel, dtype=float))
     count = np.diff(edges).astype(float)
     begin, end = t[edges[:-1]], t[np.minimum(edges[1:], len(t) - 1)]
     middle = 0.5 * (begin + end)
