@@ -55,18 +55,19 @@ print(time.perf_counter() - begin, time.process_time())
 """
 
 
-def long_walk(minutes: float) -> ImuBlock:
-    """Return a walk of so many minutes: twelve simulated seconds, over and over."""
-    parts = (Stand(2.0), Walk((Straight(20.0),), (1.3,)), Stand(1.0))
+def long_walk(minutes: float, metres: float = 20.0) -> ImuBlock:
+    """Return a walk of so many minutes: some simulated metres over and over."""
+    parts = (Stand(2.0), Walk((Straight(metres),), (1.3,)), Stand(1.0))
     walker = Walker(Scenario("steady", "Walk at one speed", parts), seed=2)
     unit = record_walk(walker, [Carried("left-foot", "xsens-mti")])["left-foot"].units[0]
     t = np.arange(unit.t[0], unit.t[-1], 1.0 / RATE_HZ)
 
     def many(values: FloatArray) -> FloatArray:
         fine = np.stack([np.interp(t, unit.t, column) for column in values.T], -1)
-        steady = fine[(t > 4.0) & (t <= 16.0)]
-        number = max(1, round(minutes * 60.0 / 12.0))
-        return np.concatenate((fine[t <= 4.0], *[steady] * number, fine[t > 16.0]))
+        begin, end = 4.0, t[-1] - 3.0
+        steady = fine[(t > begin) & (t <= end)]
+        number = max(1, round(minutes * 60.0 / (end - begin)))
+        return np.concatenate((fine[t <= begin], *[steady] * number, fine[t > end]))
 
     accel, gyro = many(unit.accel), many(unit.gyro)
     times = np.arange(len(accel)) / RATE_HZ
