@@ -57,6 +57,10 @@ PARTS = {"tilt": (0, 1), "yaw": (2,), "velocity": (3, 4, 5), "position": (6, 7, 
 SWING_MS = 0.2
 """A foot that is faster than this swings [m/s]."""
 
+JUDGED = ("tilt", "yaw", "swing", "position")
+"""Velocity is judged while the foot moves: at rest the published one has a floor that stands for
+shoes, and simulated feet wear none."""
+
 NEES = (0.3, 2.0)
 
 
@@ -337,14 +341,19 @@ def study_nees(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
     for title, what in (("nothing known", lambda _: None), ("with a certificate", known)):
         everything: list[dict[str, float]] = []
         for grade in grades:
-            scores = [
-                nees_of(smooth_foot(block, grade=what(grade), covariance=True), shape.truth)
-                for shape, block in reads(NEES_WALKS, grade, seeds, sensors)
-            ]
+            scores = []
+            for shape, block in reads(NEES_WALKS, grade, seeds, sensors):
+                try:
+                    track = smooth_foot(block, grade=what(grade), covariance=True)
+                except DataError as refusal:
+                    print(f"{grade} refused: {refusal}", flush=True)
+                    good = False
+                    continue
+                scores.append(nees_of(track, shape.truth))
             everything += scores
             print(f"{title:18s} {grade:7s} {_nees_line(scores)}", flush=True)
         print(f"{title:18s} all     {_nees_line(everything)}", flush=True)
-        means = {part: np.mean([score[part] for score in everything]) for part in PARTS}
+        means = {part: np.mean([score[part] for score in everything]) for part in JUDGED}
         good &= all(NEES[0] <= mean <= NEES[1] for mean in means.values())
     return good
 
