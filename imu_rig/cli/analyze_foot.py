@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imu_rig.cli.analyze_methods import Way, find_track
+from imu_rig.cli.analyze_feet import Bounds, analyse_feet
+from imu_rig.cli.analyze_methods import Way
 from imu_rig.cli.analyze_options import Detector, Level, NoFiles
 from imu_rig.cli.analyze_reference import (
     ClockSearch,
@@ -22,8 +23,6 @@ from imu_rig.cli.analyze_reference import (
     ReferenceOptions,
     ReferenceRate,
     ReferenceUnit,
-    beside_footprints,
-    beside_reference,
 )
 from imu_rig.cli.analyze_source import (
     AnyDevice,
@@ -31,7 +30,6 @@ from imu_rig.cli.analyze_source import (
     Certificates,
     Raw,
     Sensors,
-    WalkRecording,
     read_walk,
 )
 from imu_rig.cli.options import (
@@ -55,11 +53,11 @@ from imu_rig.cli.options import (
 )
 from imu_rig.cli.recordings import TableOptions
 from imu_rig.cli.working import Working
-from imu_rig.errors import DataError, InputError
+from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
-    from imu_rig.report.foot_facts import FootAnalysis, FootReport
+    from imu_rig.report.foot_facts import FootReport
 
 REPORT_NAME = "report.html"
 STRIDES_NAME = "strides.csv"
@@ -87,6 +85,12 @@ def foot(
             "--method", help="default, or paper: a forward and a backward filter, step by step."
         ),
     ] = "default",
+    straight: Annotated[
+        bool,
+        typer.Option(
+            "--straight", help="The walk keeps to straight corridors: hold the heading by them."
+        ),
+    ] = False,
     reference: ReferenceFile = None,
     marker: Marker = None,
     reference_columns: ReferenceColumns = None,
@@ -139,7 +143,7 @@ def foot(
         reference_unit, reference_rate,
     )  # fmt: skip
     beside.check(len(files))
-    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local, beside)
+    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight))
     answers: list[dict[str, Any]] = []
     reports: list[FootReport] = []
     for file in files:
@@ -175,6 +179,7 @@ class _Wanted:
     way: Way
     gravity: Gravity
     beside: ReferenceOptions
+    bounds: Bounds
 
 
 def _analyse(file: Path, wanted: _Wanted, working: Working) -> FootReport:
@@ -186,69 +191,17 @@ def _analyse(file: Path, wanted: _Wanted, working: Working) -> FootReport:
         raise InputError(
             f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
         )
-    feet: list[FootAnalysis] = []
-    for recording in recordings:
-        working.now(f"Following {recording.sensor}")
-        try:
-            feet.append(analyse_foot(recording, wanted.way, wanted.beside))
-        except DataError as error:
-            raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
+    feet = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
     facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
     facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
     facts.append(("Gravity", gravity_words(wanted.gravity)))
     return FootReport(file.name, recordings[0].sha256, tuple(feet), False, tuple(facts))
 
 
-def analyse_foot(
-    recording: WalkRecording,
-    way: Way,
-    beside: ReferenceOptions = ReferenceOptions(),
-) -> FootAnalysis:
-    """Find the track and the strides of one foot, and set them beside what else is known.
-
-    Raises
-    ------
-    DataError
-        If the recording cannot be one of a foot that walks, or a reference not of it.
-    """
-    from imu_rig.cli.analyze_show import sentences
-    from imu_rig.gait.strides import gait_parameters
-    from imu_rig.report.foot_facts import FootAnalysis
-
-    found = find_track(recording.block, way, recording.certificate)
-    strides = gait_parameters(found.track)
-    notes = [*found.track.notes, *strides.notes]
-    given, measured = beside.read(), None
-    if given is not None:
-        measured = beside_reference(found.track, strides, given, beside)
-    elif recording.reference is not None and recording.reference.position is not None:
-        try:
-            measured = beside_reference(found.track, strides, recording.reference, beside)
-        except DataError as error:
-            notes.append(f"The recording's own reference was not used: {error}")
-    prints = beside.read_footprints()
-    return FootAnalysis(
-        recording.sensor,
-        found.block,
-        found.track,
-        strides,
-        measured,
-        None if prints is None else beside_footprints(strides, prints),
-        sentences(*notes),
-        found.steps,
-    )
-
-
 def gravity_words(gravity: Gravity) -> str:
     """Say which gravity was taken, for people."""
     source = gravity.source if gravity.known else "standard gravity, as none was given"
     return f"{gravity.value:.5f} m/s², {source}"
-
-
-def _named(recording: WalkRecording, error: DataError, *, several: bool) -> str:
-    who = f"{recording.file}" + (f", {recording.sensor}" if several else "")
-    text = str(error).rstrip(".")
-    return f"{who}: {text}."
 
 
 def _folder(output: Path | None, file: Path, *, several: bool, report: FootReport) -> Path:

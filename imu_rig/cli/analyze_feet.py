@@ -1,0 +1,104 @@
+"""The feet of one recording: followed, held together, set beside what else is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from imu_rig.cli.analyze_methods import Found, Way, find_track
+from imu_rig.cli.analyze_reference import (
+    ReferenceOptions,
+    beside_footprints,
+    beside_reference,
+)
+from imu_rig.errors import DataError
+
+if TYPE_CHECKING:
+    from imu_rig.cli.analyze_source import WalkRecording
+    from imu_rig.cli.working import Working
+    from imu_rig.report.foot_facts import FootAnalysis
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What holds a heading beside the sensors.
+
+    Attributes
+    ----------
+    straight : bool
+        Whether the walk keeps to straight corridors.
+    """
+
+    straight: bool = False
+
+
+def analyse_feet(
+    recordings: Sequence[WalkRecording],
+    way: Way,
+    beside: ReferenceOptions,
+    bounds: Bounds,
+    working: Working,
+) -> list[FootAnalysis]:
+    """Find tracks and strides of the feet of one recording.
+
+    Raises
+    ------
+    DataError
+        If a recording cannot be one of a foot that walks, or a reference not of it.
+    """
+    feet: list[tuple[WalkRecording, Found]] = []
+    for recording in recordings:
+        working.now(f"Following {recording.sensor}")
+        try:
+            found = find_track(recording.block, way, recording.certificate)
+            feet.append((recording, _straightened(found) if bounds.straight else found))
+        except DataError as error:
+            raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
+    try:
+        return [_described(recording, found, beside) for recording, found in feet]
+    except DataError as error:
+        raise DataError(_named(recordings[0], error, several=False)) from error
+
+
+def _straightened(found: Found) -> Found:
+    from imu_rig.gait.heading import follow_corridors
+
+    corridors = follow_corridors(found.track)
+    notes = (*corridors.track.notes, corridors.note)
+    return replace(found, track=replace(corridors.track, notes=notes))
+
+
+def _described(recording: WalkRecording, found: Found, beside: ReferenceOptions) -> FootAnalysis:
+    """Measure the strides of a track, and set it beside what else is known."""
+    from imu_rig.cli.analyze_show import sentences
+    from imu_rig.gait.strides import gait_parameters
+    from imu_rig.report.foot_facts import FootAnalysis
+
+    strides = gait_parameters(found.track)
+    notes = [*found.track.notes, *strides.notes]
+    given, measured = beside.read(), None
+    if given is not None:
+        measured = beside_reference(found.track, strides, given, beside)
+    elif recording.reference is not None and recording.reference.position is not None:
+        try:
+            measured = beside_reference(found.track, strides, recording.reference, beside)
+        except DataError as error:
+            notes.append(f"The recording's own reference was not used: {error}")
+    prints = beside.read_footprints()
+    return FootAnalysis(
+        recording.sensor,
+        found.block,
+        found.track,
+        strides,
+        measured,
+        None if prints is None else beside_footprints(strides, prints),
+        sentences(*notes),
+        found.steps,
+    )
+
+
+def _named(recording: WalkRecording, error: DataError, *, several: bool) -> str:
+    who = f"{recording.file}" + (f", {recording.sensor}" if several else "")
+    text = str(error).rstrip(".")
+    return f"{who}: {text}."
