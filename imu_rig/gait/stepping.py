@@ -9,6 +9,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.trajectory import FootTrack
+from imu_rig.kernels.columns import rotated
 from imu_rig.kernels.rolling import moving_mean, moving_minimum
 from imu_rig.rotation import from_rotation_vector, rotate
 from imu_rig.units import STANDARD_GRAVITY
@@ -105,8 +106,8 @@ def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: f
     if not swings.any():
         return
     mean = moving_mean(t, accel, 0.025)
-    moved = rotate(track.trajectory.quaternion, mean) - np.array([0.0, 0.0, gravity])
-    size = np.linalg.norm(moved, axis=1)
+    moved = rotated(track.trajectory.quaternion, mean) - np.array([0.0, 0.0, gravity])
+    size = np.sqrt(np.einsum("ij,ij->i", moved, moved))
     at_rest = float(np.median(size[track.footfalls.quietest]))
     in_swing = float(np.sqrt(np.mean(size[swings] ** 2)))
     share = REST_SHARE if in_swing < SPRINT_SWING else REST_SHARE_SPRINT
@@ -121,12 +122,13 @@ def _require_consistent(track: FootTrack, t: FloatArray, accel: FloatArray, grav
     rows = track.footfalls.quietest
     if len(rows) < 2:
         return
-    moved = rotate(track.trajectory.quaternion, accel) - np.array([0.0, 0.0, gravity])
+    moved = rotated(track.trajectory.quaternion, accel) - np.array([0.0, 0.0, gravity])
     change = np.zeros_like(moved)
     change[1:] = 0.5 * np.diff(t)[:, np.newaxis] * (moved[1:] + moved[:-1])
     velocity = track.trajectory.velocity
     forced = np.diff(velocity[rows], axis=0) - np.diff(np.cumsum(change, axis=0)[rows], axis=0)
-    speed = np.maximum.reduceat(np.linalg.norm(velocity[: rows[-1]], axis=1), rows[:-1])
+    square = np.einsum("ij,ij->i", velocity, velocity)
+    speed = np.sqrt(np.maximum.reduceat(square[: rows[-1]], rows[:-1]))
     typical = float(np.percentile(speed, 75))
     most = float(np.percentile(np.linalg.norm(forced, axis=1), 75))
     if most > FORCED_SHARE * typical + FORCED:

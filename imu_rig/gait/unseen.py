@@ -10,6 +10,7 @@ from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.trajectory import Footfalls, TrajectoryCovariance
+from imu_rig.kernels.columns import extent, repeated
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 GAP_S, GAP_RATIO = 0.03, 1.8
@@ -103,11 +104,9 @@ def find_gaps(block: ImuBlock) -> Gaps:
     A sample of a moving foot that repeats the one before counts as missing; a foot that stands may
     well read the same for a while.
     """
-    t, values = block.t, np.hstack((block.accel, block.gyro))
+    t = block.t
     moves = np.einsum("ij,ij->i", block.gyro, block.gyro) > REST_RATE**2
-    fresh = np.ones(len(t), dtype=bool)
-    fresh[1:] = ~moves[1:] | np.any(values[1:] != values[:-1], axis=1)
-    rows = np.flatnonzero(fresh)
+    rows = np.flatnonzero(~(moves & repeated(_floats(block.accel), _floats(block.gyro))))
     dt = np.diff(t[rows])
     positive = dt[dt > 0.0]
     usual = float(np.median(positive)) if len(positive) else 0.0
@@ -128,8 +127,10 @@ def find_clipping(values: FloatArray, least: float) -> Clipping:
     least : float
         Ranges below this are none.
     """
-    size = np.abs(values)
     limit = np.full(3, np.inf)
+    if len(values) == 0 or np.abs(extent(_floats(values))[:2]).max() < least:
+        return Clipping(np.zeros(values.shape, dtype=bool), limit)
+    size = np.abs(values)
     for axis in range(3):
         most = float(size[:, axis].max())
         if most < least:
@@ -181,6 +182,10 @@ def widened(
     return replace(covariance, values=values, strides=strides)
 
 
+def _floats(values: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(values, dtype=float)
+
+
 def _rests(block: ImuBlock, row: int, way: int) -> bool:
     end = block.t[row] + way * BESIDE_S
     low, high = sorted((block.t[row], end))
@@ -206,6 +211,8 @@ def _difference(t: FloatArray, values: FloatArray, row: int, length: float) -> f
 def _cut_off(t: FloatArray, values: FloatArray, clipping: Clipping) -> FloatArray:
     """Return what is missing of the integral of readings, per sample, shape (n,)."""
     variance = np.zeros(len(t))
+    if not np.isfinite(clipping.limit).any():
+        return variance
     for axis in range(3):
         for first, last in zip(*runs(clipping.cut[:, axis]), strict=True):
             before, after = max(first - 1, 0), min(last + 1, len(t) - 1)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.kernels.blocks3 import applied
 from imu_rig.kernels.compiled import compiled
+from imu_rig.kernels.strapdown import matrix
 
 
 @compiled
@@ -81,3 +83,14 @@ def bin_sums(values: FloatArray, edges: IntArray) -> FloatArray:
             square += x * x + y * y + z * z
         sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3] = sx, sy, sz, square
     return sums
+
+
+@compiled
+def rotated(quaternion: FloatArray, values: FloatArray) -> FloatArray:
+    """Rotate vectors (n, 3) by unit quaternions (n, 4), sensor to navigation axes."""
+    out = np.empty((len(values), 3))
+    for k in range(len(values)):
+        w, x, y, z = quaternion[k, 0], quaternion[k, 1], quaternion[k, 2], quaternion[k, 3]
+        a, b, c = applied(matrix((w, x, y, z)), (values[k, 0], values[k, 1], values[k, 2]))
+        out[k, 0], out[k, 1], out[k, 2] = a, b, c
+    return out

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from imu_rig.kernels.columns import bin_sums, extent, repeated
+from imu_rig import rotation
+from imu_rig.kernels.columns import bin_sums, extent, repeated, rotated
 
 
 @pytest.fixture
@@ -37,3 +38,8 @@ def test_bins_are_reduced_as_by_numpy(values):
     assert got[:, :3] == pytest.approx(np.add.reduceat(values, edges[:-1], axis=0))
     squares = np.add.reduceat((values**2).sum(axis=1), edges[:-1])
     assert got[:, 3] == pytest.approx(squares)
+
+
+def test_rotation_is_that_of_quaternions(values):
+    q = rotation.from_rotation_vector(values * [1.0, 0.1, 1e-3])
+    assert rotated(q, values) == pytest.approx(rotation.rotate(q, values), abs=1e-10)
