@@ -24,8 +24,8 @@ TILT_FACTOR = 0.5
 filter's noise is generous to swings."""
 
 
-RAW_SCALES = 6
-LARGEST_SHARE = 4.0
+RAW_SCALES = 9
+LARGEST_SHARE = 40.0
 """A bias that was not taken off is of any size between a calibrated one and so many times the
 usual one; the axes that gravity shows tell which."""
 

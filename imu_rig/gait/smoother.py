@@ -151,7 +151,7 @@ def _track(
         zero_velocity,
         footfalls,
         gyro_bias=bias.value,
-        accel_bias=states.accel_bias.mean(axis=0),
+        accel_bias=np.full(len(t), 1.0 / len(t)) @ states.accel_bias,
         pivot=states.pivot,
         notes=notes,
     )

@@ -34,8 +34,8 @@ TILT_SIGMA = 0.1 * DEG
 """To which the accelerometer tells a change of tilt of a standing foot [rad]: of its own noise and
 the sway of the foot's owner."""
 
-LARGEST_BIAS = 10.0 * DEG
-"""What turns faster turns, however evenly [rad/s]: no gyroscope in use is that far off."""
+LARGEST_BIAS = 25.0 * DEG
+"""What turns faster turns, however evenly [rad/s]: the worst gyroscopes are off by 20 deg/s."""
 
 OUTLIER = 6.0
 """A still so many sigma from what the others say was none ..."""
