@@ -230,15 +230,15 @@ def _check_gaps(block: ImuBlock) -> list[str]:
 
 def _check_ranges(block: ImuBlock) -> tuple[float, list[str]]:
     most, notes = 0.0, []
-    moving = np.linalg.norm(block.gyro, axis=1) > TURNS
+    moving = np.einsum("ij,ij->i", block.gyro, block.gyro) > TURNS**2
     for values, least, word, unit, factor in (
         (block.gyro, CLIP_ABOVE_GYRO, "gyroscope", "deg/s", 1.0 / DEG),
         (block.accel, CLIP_ABOVE_ACCEL, "accelerometer", "g", 1.0 / STANDARD_GRAVITY),
     ):
         clipping = find_clipping(values, least)
-        cut = clipping.cut.any(axis=1)
-        if not cut.any():
+        if not np.isfinite(clipping.limit).any():
             continue
+        cut = clipping.cut[:, 0] | clipping.cut[:, 1] | clipping.cut[:, 2]
         share = float(cut.sum() / max(1, np.count_nonzero(moving | cut)))
         axis = int(np.argmin(clipping.limit))
         text = (

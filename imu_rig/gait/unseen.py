@@ -128,18 +128,18 @@ def find_clipping(values: FloatArray, least: float) -> Clipping:
         Ranges below this are none.
     """
     limit = np.full(3, np.inf)
-    if len(values) == 0 or np.abs(extent(_floats(values))[:2]).max() < least:
-        return Clipping(np.zeros(values.shape, dtype=bool), limit)
-    size = np.abs(values)
-    for axis in range(3):
-        most = float(size[:, axis].max())
-        if most < least:
-            continue
-        top = int(np.count_nonzero(size[:, axis] >= (1 - TOP) * most))
-        below = int(np.count_nonzero(size[:, axis] >= (1 - BELOW) * most)) - top
+    cut = np.zeros(values.shape, dtype=bool)
+    if len(values) == 0:
+        return Clipping(cut, limit)
+    largest = np.abs(extent(_floats(values))[:2]).max(axis=0)
+    for axis in np.flatnonzero(largest >= least):
+        size, most = np.abs(values[:, axis]), float(largest[axis])
+        top = int(np.count_nonzero(size >= (1 - TOP) * most))
+        below = int(np.count_nonzero(size >= (1 - BELOW) * most)) - top
         if top > PILED * below * TOP / (BELOW - TOP) + LEAST_PILED:
             limit[axis] = most
-    return Clipping(size >= (1 - TOP) * limit, limit)
+            cut[:, axis] = size >= (1 - TOP) * most
+    return Clipping(cut, limit)
 
 
 def unseen_motion(block: ImuBlock) -> Unseen:
@@ -211,18 +211,15 @@ def _difference(t: FloatArray, values: FloatArray, row: int, length: float) -> f
 def _cut_off(t: FloatArray, values: FloatArray, clipping: Clipping) -> FloatArray:
     """Return what is missing of the integral of readings, per sample, shape (n,)."""
     variance = np.zeros(len(t))
-    if not np.isfinite(clipping.limit).any():
-        return variance
-    for axis in range(3):
-        for first, last in zip(*runs(clipping.cut[:, axis]), strict=True):
-            before, after = max(first - 1, 0), min(last + 1, len(t) - 1)
-            slopes = [
-                abs(values[a, axis] - values[b, axis]) / max(t[a] - t[b], 1e-4)
-                for a, b in ((first, before), (after, last))
-                if a != b
-            ]
-            lasted = t[after] - t[before]
-            missing = max(slopes, default=0.0) * lasted**2 / 6.0
-            rows = last - first + 1
-            variance[first : last + 1] += missing**2 / rows
+    for axis in np.flatnonzero(np.isfinite(clipping.limit)):
+        cut, column = clipping.cut[:, axis], values[:, axis]
+        first, last = runs(cut)
+        before, after = np.maximum(first - 1, 0), np.minimum(last + 1, len(t) - 1)
+        slopes = [
+            np.abs(column[a] - column[b]) / np.maximum(t[a] - t[b], 1e-4)
+            for a, b in ((first, before), (after, last))
+        ]
+        missing = np.maximum(*slopes) * (t[after] - t[before]) ** 2 / 6.0
+        rows = last - first + 1
+        variance[cut] += np.repeat(missing**2 / rows, rows)
     return np.sqrt(variance)
