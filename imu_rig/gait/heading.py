@@ -91,7 +91,7 @@ def follow_corridors(track: FootTrack) -> Corridors:
     at, sigma = _correct(np.concatenate(([t[0]], middle)), direction, corridor, ways)
     correction = np.interp(t, np.concatenate(([t[0]], middle)), at)
     spread = np.interp(t, np.concatenate(([t[0]], middle)), sigma)
-    turned = replace(track, trajectory=_turned(track.trajectory, correction))
+    turned = turned_by(track, correction)
     if track.covariance is not None:
         known = _narrowed(track.covariance, correction, spread)
         turned = replace(turned, covariance=known)
@@ -185,15 +185,19 @@ def _correct(
         weight = 1.0 / (SCATTER * np.sqrt(1.0 + np.square(off / 2.0)))
         rows = np.concatenate((motion, prior, seen * weight[:, np.newaxis]))
         right = np.concatenate((np.zeros(k + 1), value * weight))
-        information = rows.T @ rows
-        x = np.linalg.solve(information, rows.T @ right)
+        information = np.asarray(rows.T @ rows, dtype=float)
+        x = np.asarray(np.linalg.solve(information, rows.T @ right), dtype=float)
     ways[:] = x[k + 1 :]
     sigma = np.sqrt(np.diagonal(np.linalg.inv(information))[:k])
     return np.concatenate(([0.0], x[:k])), np.concatenate(([0.0], sigma))
 
 
-def _turned(trajectory: Trajectory, angle: FloatArray) -> Trajectory:
-    """Return the motion with each moment turned by its own angle about the vertical."""
+def turned_by(track: FootTrack, angle: FloatArray) -> FootTrack:
+    """Return a track with each moment turned by its own angle (n,) [rad] about the vertical.
+
+    Its way is integrated anew from its first place; its covariance is that of before.
+    """
+    trajectory = track.trajectory
     R = about_z(angle)
     half = 0.5 * angle
     turn = np.zeros((len(angle), 4))
@@ -202,12 +206,13 @@ def _turned(trajectory: Trajectory, angle: FloatArray) -> Trajectory:
     between = about_z(0.5 * (angle[1:] + angle[:-1]))
     moved = np.cumsum(np.einsum("nij,nj->ni", between, way), axis=0)
     position = trajectory.position[0] + np.concatenate((np.zeros((1, 3)), moved))
-    return replace(
-        trajectory,
-        quaternion=multiply(turn, trajectory.quaternion),
-        velocity=np.einsum("nij,nj->ni", R, trajectory.velocity),
-        position=position,
+    turned = Trajectory(
+        trajectory.t,
+        multiply(turn, trajectory.quaternion),
+        np.einsum("nij,nj->ni", R, trajectory.velocity),
+        position,
     )
+    return replace(track, trajectory=turned)
 
 
 def _narrowed(

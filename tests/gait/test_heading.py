@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from true_tracks import true_track, walk_of
 
-from imu_rig.gait.heading import _turned, follow_corridors
+from imu_rig.gait.heading import follow_corridors, turned_by
 from imu_rig.gait.trajectory import TrajectoryCovariance
 from imu_rig.units import DEG
 from simulators.walker.path import Arc, Straight, Turn
@@ -18,8 +18,7 @@ def drifting(track, rate, wander=0.0):
     """The track with its heading turning away [rad/s], and wandering [rad/sqrt(s)]."""
     t = track.trajectory.t
     steps = np.random.default_rng(2).normal(0.0, wander * np.sqrt(t[1] - t[0]), len(t))
-    turned = _turned(track.trajectory, rate * (t - t[0]) + np.cumsum(steps) - steps[0])
-    return replace(track, trajectory=turned)
+    return turned_by(track, rate * (t - t[0]) + np.cumsum(steps) - steps[0])
 
 
 @pytest.fixture(scope="module")
