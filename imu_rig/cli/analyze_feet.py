@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from imu_rig.cli.working import Working
     from imu_rig.report.foot_facts import FootAnalysis
 
+LEFT, RIGHT = "left", "right"
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -28,9 +30,12 @@ class Bounds:
     ----------
     straight : bool
         Whether the walk keeps to straight corridors.
+    together : bool
+        Whether a left and a right foot are held together by how far legs reach.
     """
 
     straight: bool = False
+    together: bool = True
 
 
 def analyse_feet(
@@ -39,8 +44,14 @@ def analyse_feet(
     beside: ReferenceOptions,
     bounds: Bounds,
     working: Working,
-) -> list[FootAnalysis]:
+) -> tuple[list[FootAnalysis], bool]:
     """Find tracks and strides of the feet of one recording.
+
+    Returns
+    -------
+    feet : list of FootAnalysis
+    shared : bool
+        Whether they are in one frame.
 
     Raises
     ------
@@ -55,18 +66,56 @@ def analyse_feet(
             feet.append((recording, _straightened(found) if bounds.straight else found))
         except DataError as error:
             raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
+    shared = bounds.together and _are_a_pair(recordings)
+    if shared:
+        working.now("Holding both feet together")
+        feet, shared = _together(feet)
     try:
-        return [_described(recording, found, beside) for recording, found in feet]
+        return [_described(recording, found, beside) for recording, found in feet], shared
     except DataError as error:
         raise DataError(_named(recordings[0], error, several=False)) from error
+
+
+def _are_a_pair(recordings: Sequence[WalkRecording]) -> bool:
+    """Whether they are of a left and a right foot, by their names."""
+    names = [recording.sensor.lower() for recording in recordings]
+    return len(names) == 2 and sorted(_side(name) for name in names) == [LEFT, RIGHT]
+
+
+def _side(name: str) -> str:
+    return LEFT if LEFT in name else RIGHT if RIGHT in name else ""
+
+
+def _together(
+    feet: Sequence[tuple[WalkRecording, Found]],
+) -> tuple[list[tuple[WalkRecording, Found]], bool]:
+    """Bring a left and a right foot into one frame, and say whether that was possible."""
+    from imu_rig.gait.both_feet import join_feet
+
+    tracks = {_side(recording.sensor.lower()): found.track for recording, found in feet}
+    try:
+        both = join_feet(tracks[LEFT], tracks[RIGHT])
+    except DataError as error:
+        return [(r, _noted(f, f"The feet are not in one frame: {error}")) for r, f in feet], False
+    joined = {LEFT: both.left, RIGHT: both.right}
+    return [
+        (
+            recording,
+            _noted(replace(found, track=joined[_side(recording.sensor.lower())]), both.note),
+        )
+        for recording, found in feet
+    ], True
+
+
+def _noted(found: Found, note: str) -> Found:
+    return replace(found, track=replace(found.track, notes=(*found.track.notes, note)))
 
 
 def _straightened(found: Found) -> Found:
     from imu_rig.gait.heading import follow_corridors
 
     corridors = follow_corridors(found.track)
-    notes = (*corridors.track.notes, corridors.note)
-    return replace(found, track=replace(corridors.track, notes=notes))
+    return _noted(replace(found, track=corridors.track), corridors.note)
 
 
 def _described(recording: WalkRecording, found: Found, beside: ReferenceOptions) -> FootAnalysis:

@@ -91,6 +91,12 @@ def foot(
             "--straight", help="The walk keeps to straight corridors: hold the heading by them."
         ),
     ] = False,
+    separate: Annotated[
+        bool,
+        typer.Option(
+            "--separate", help="Do not hold a left and a right foot together by how far legs reach."
+        ),
+    ] = False,
     reference: ReferenceFile = None,
     marker: Marker = None,
     reference_columns: ReferenceColumns = None,
@@ -143,7 +149,9 @@ def foot(
         reference_unit, reference_rate,
     )  # fmt: skip
     beside.check(len(files))
-    wanted = _Wanted(table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight))
+    wanted = _Wanted(
+        table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight, not separate)
+    )
     answers: list[dict[str, Any]] = []
     reports: list[FootReport] = []
     for file in files:
@@ -191,11 +199,11 @@ def _analyse(file: Path, wanted: _Wanted, working: Working) -> FootReport:
         raise InputError(
             f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
         )
-    feet = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
+    feet, shared = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
     facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
     facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
     facts.append(("Gravity", gravity_words(wanted.gravity)))
-    return FootReport(file.name, recordings[0].sha256, tuple(feet), False, tuple(facts))
+    return FootReport(file.name, recordings[0].sha256, tuple(feet), shared, tuple(facts))
 
 
 def gravity_words(gravity: Gravity) -> str:

@@ -102,16 +102,20 @@ def show_foot(report: FootReport, files: dict[str, Any]) -> None:
     from imu_rig.cli.sheet import Sheet
 
     sheet = Sheet(LABELS)
-    for foot in report.feet:
-        _show_one(sheet, report, foot)
     facts = dict(report.facts)
-    for label in ("Method", *(f"Calibration of {foot.name}" for foot in report.feet)):
-        if label in facts:
-            sheet.entry(f"  {label.split()[0].lower()}", facts[label])
+    for number, foot in enumerate(report.feet):
+        if number:
+            sheet.blank()
+        _show_one(sheet, report, foot)
+        if f"Calibration of {foot.name}" in facts:
+            sheet.entry("  calibration", facts[f"Calibration of {foot.name}"])
+    if "Method" in facts:
+        sheet.entry("  method", facts["Method"])
     if files:
         sheet.command(files["report"], "  report")
         folder = files["report"].rpartition("/")[0] or "."
-        sheet.entry("  tables", f"strides.csv, trajectory.csv, summary.json in {folder}")
+        several = "trajectory.csv" if len(report.feet) == 1 else "a trajectory of each foot"
+        sheet.entry("  tables", f"strides.csv, {several} and summary.json in {folder}")
     sheet.blank()
 
 

@@ -98,6 +98,10 @@ def test_feet_are_found_by_name_and_told_on_eighty_columns(
     assert re.search(r"^left-foot of walk", done.stdout, re.MULTILINE)
     assert re.search(r"^right-foot of walk", done.stdout, re.MULTILINE)
     assert "waist of" not in done.stdout
+    assert done.stdout.count("The feet came out up to") == 2
+    apart = inside("analyze", "foot", walked.trial, "--no-files", "--separate", "--straight")
+    assert "The feet came out" not in apart.stdout
+    assert apart.stdout.count("Heading ") == 2  # a sentence of each foot about its corridor
     assert max(map(len, done.stdout.splitlines())) <= 80
 
 
