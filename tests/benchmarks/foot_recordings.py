@@ -157,6 +157,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sensitivity", action="store_true")
     asked = parser.parse_args()
+    if "IMU_RIG_DATA" not in os.environ:
+        parser.error("set IMU_RIG_DATA to the folder of the recordings")
     recordings = read_recordings(Path(os.environ["IMU_RIG_DATA"]) / "foot")
     base = figures(recordings)
     print("\n".join(lines(base)))
