@@ -23,13 +23,24 @@ SIDE_M = 0.2
 KNOT_S = 5.0
 """Heading drifts are straight between moments this far apart [s]."""
 
-DRIFT = 0.3 * DEG
-WANDER = 0.05 * DEG
+DRIFT = 0.1 * DEG
+WANDER = 0.02 * DEG
 """Standard uncertainties of a track's drift of heading [rad/s], and of how much it changes from one
-knot to the next [rad/s]."""
+knot to the next [rad/s]: what stills and strides leave of a gyroscope's bias."""
+
+LENGTHS = 0.02
+"""By which the lengths of the two sensors may differ [1]: on a long straight way that puts the feet
+apart, too, and no heading is to make up for it."""
+
+MOST_SIGMA = 3.0
+"""Headings that would have to be turned by more than so many times their uncertainty are left."""
 
 SOFT_M = 0.1
 """By which the limit may be exceeded [m], standard deviation."""
+
+TURN, OFFSET, LENGTH = -4, slice(-3, -1), -1
+"""Where the unknowns that are no drifts are: heading and place of the right foot, and the ratio of
+lengths."""
 
 ROUNDS = 12
 LEAST_S = 5.0
@@ -49,7 +60,7 @@ class BothFeet:
         Corrections of the headings of left and right, per sample [rad].
     apart_before, apart_after : float
         Farthest that the feet were apart on the plan [m]: with one begin and one first heading,
-        and now.
+        and now, but for a difference of the lengths that the two sensors measure.
     note : str
         What was done, a sentence.
     """
@@ -112,27 +123,28 @@ def join_feet(left: FootTrack, right: FootTrack, *, reach_m: float | None = None
     moments = np.arange(begin, end, 0.1)
     knots = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / KNOT_S)) + 1))
     ways = tuple(_Way(track, moments, _places(track, moments), knots) for track in (left, right))
-    x0 = np.zeros(2 * len(knots) + 3)
-    x0[-3] = _first_turn(ways[0].place, ways[1].place)
+    x0 = np.zeros(2 * len(knots) + 4)
+    x0[TURN] = _first_turn(ways[0].place, ways[1].place)
     before = _apart(ways, x0)
     x = _solved(ways, x0, reach, knots)
     after = _apart(ways, x)
-    if after.max() >= before.max():
-        x, after = x0, before
     k = len(knots)
+    likely = MOST_SIGMA * DRIFT * (end - begin)
+    if after.max() >= before.max() or np.abs(x[: 2 * k]).max() > likely:
+        x, after = x0, before
     drifts = x[:k], x[k : 2 * k]
     angles = tuple(
         np.interp(track.trajectory.t, knots, drift)
         for track, drift in zip((left, right), drifts, strict=True)
     )
-    whole = angles[1] + x[-3]
+    whole = angles[1] + x[TURN]
     l_track, r_track = turned_by(left, angles[0]), turned_by(right, whole)
     first = [
         np.array([np.interp(begin, p.t, p.position[:, a]) for a in range(3)])
         for p in (l_track.trajectory, r_track.trajectory)
     ]
     shift = first[0] - first[1]
-    shift[:2] += x[-2:]
+    shift[:2] += x[OFFSET]
     r_track = replace(r_track, trajectory=r_track.trajectory.moved(shift))
     turned = max(float(np.abs(angle).max()) for angle in angles)
     note = (
@@ -140,7 +152,7 @@ def join_feet(left: FootTrack, right: FootTrack, *, reach_m: float | None = None
         f"turning their headings by up to {turned / DEG:.1f} deg makes it {after.max():.1f} m"
     )
     return BothFeet(
-        l_track, r_track, float(x[-3]), (angles[0], angles[1]), float(before.max()),
+        l_track, r_track, float(x[TURN]), (angles[0], angles[1]), float(before.max()),
         float(after.max()), note,
     )  # fmt: skip
 
@@ -171,8 +183,9 @@ def _first_turn(left: FloatArray, right: FloatArray) -> float:
 def _between(ways: tuple[_Way, ...], x: FloatArray) -> FloatArray:
     """Return from the left to the right foot at each moment, shape (n, 2)."""
     k = len(ways[0].knots)
-    left, right = ways[0].bent(x[:k]), ways[1].bent(x[k : 2 * k] + x[-3])
-    return np.asarray(right + x[-2:] - left)
+    left, right = ways[0].bent(x[:k]), ways[1].bent(x[k : 2 * k] + x[TURN])
+    half = 0.5 * x[LENGTH]
+    return np.asarray((1.0 + half) * right + x[OFFSET] - (1.0 - half) * left)
 
 
 def _apart(ways: tuple[_Way, ...], x: FloatArray) -> FloatArray:
@@ -186,7 +199,7 @@ def _residual(ways: tuple[_Way, ...], x: FloatArray, reach: float) -> FloatArray
     for drift in (x[:k], x[k : 2 * k]):
         rate = np.diff(drift) / step
         parts += [drift[:1] / (0.01 * DEG), [rate.mean() / DRIFT], np.diff(rate) / WANDER]
-    parts += [x[-2:] / SIDE_M]
+    parts += [x[OFFSET] / SIDE_M, [x[LENGTH] / LENGTHS]]
     return np.concatenate(parts)
 
 

@@ -57,9 +57,10 @@ GAIN_TOLD = 0.02
 MISSING_REFUSED = 0.05
 """With a twentieth of the moving time in gaps, every other stride has one."""
 
-CUT_REFUSED, CUT_MUCH = 0.2, 0.05
+CUT_REFUSED, CUT_MUCH, CUT_LITTLE = 0.2, 0.05, 0.005
 """With a fifth of the moving time beyond the range of the sensor, most of every strike or swing is
-lost. From a twentieth on, contradictions of the sensors may come from there."""
+lost. From a twentieth on, any contradiction of the sensors may come from there, and small ones
+sooner."""
 
 
 def check_recording(
@@ -103,7 +104,7 @@ def check_recording(
     notes += told
     notes += _check_gaps(block)
     if cut < CUT_MUCH:
-        _require_agreement(block, stills, gravity, float(most))
+        _require_agreement(block, stills, gravity, float(most), whole=cut < CUT_LITTLE)
     return tuple(notes)
 
 
@@ -142,7 +143,9 @@ def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]
     )
 
 
-def _require_agreement(block: ImuBlock, stills: Stills, gravity: float, turns: float) -> None:
+def _require_agreement(
+    block: ImuBlock, stills: Stills, gravity: float, turns: float, *, whole: bool
+) -> None:
     """Refuse what gyroscope and accelerometer contradict each other in."""
     strides = sample_strides(block, stills, gravity)
     axes = compare_axes(strides)
@@ -150,7 +153,7 @@ def _require_agreement(block: ImuBlock, stills: Stills, gravity: float, turns: f
     lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
     if lazy or not axes.agree:
         raise DataError(_disagreement(axes))
-    if axes.strides >= FEWEST_STRIDES:
+    if whole and axes.strides >= FEWEST_STRIDES:
         clocks = compare_clocks(strides)
         if not clocks.agree:
             raise DataError(_apart(clocks))
