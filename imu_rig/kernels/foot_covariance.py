@@ -16,8 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from imu_rig.arrays import BoolArray, FloatArray, IntArray
-from imu_rig.kernels.compiled import compiled
-from imu_rig.kernels.strapdown import Matrix, Vector, matrix, turned
+from imu_rig.kernels.blocks3 import applied, cross
+from imu_rig.kernels.compiled import compiled, inlined
+from imu_rig.kernels.strapdown import Matrix, Vector, matrix
 
 N = 16
 """Errors of attitude (3), velocity (3), position (3), accelerometer bias (3), floor, pivot (3)."""
@@ -88,11 +89,12 @@ def smoothed_covariance(
         longest = max(longest, 4 * (rows[s] - rows[s - 1]))
     log = np.empty((longest, _LOG))
     seen = np.empty(_WIDTH + 3)
-    _measure(known[0], 0, readings, quaternion, measured, model, log, 0, seen)
-    for s in range(1, m):
-        known[s] = known[s - 1]
+    for s in range(m):
+        if s > 0:
+            known[s] = known[s - 1]
+        first = rows[s - 1] if s > 0 else -1
         _forward(
-            known[s], rows[s - 1], rows[s], readings, quaternion, measured, unseen, model, errors,
+            known[s], first, rows[s], readings, quaternion, measured, unseen, model, errors,
             log, seen,
         )  # fmt: skip
     X = np.empty((N, _WIDTH))
@@ -144,12 +146,13 @@ def _forward(
     """Take covariance and constant errors from one sample to another, and log measurements."""
     used = 0
     for k in range(first + 1, last + 1):
-        _predict(X, k, readings, quaternion, unseen, model, errors)
+        if k > 0:
+            _predict(X, k, readings, quaternion, unseen, model, errors)
         used = _measure(X, k, readings, quaternion, measured, model, log, used, seen)
     return used
 
 
-@compiled
+@inlined
 def _predict(
     X: FloatArray,
     k: int,
@@ -208,14 +211,14 @@ def _predict(
             X[6 + i, N + 21 + j] += 0.5 * dt * c * errors[11]
 
 
-@compiled
+@inlined
 def _step(k: int, readings: FloatArray, quaternion: FloatArray) -> tuple[Matrix, Vector]:
     """Return attitude and specific force, navigation axes, in the middle of a step."""
     p, q = quaternion[k - 1], quaternion[k]
     A = matrix((p[0], p[1], p[2], p[3]))
     B = matrix((q[0], q[1], q[2], q[3]))
-    x = turned(A, readings[k - 1, 4], readings[k - 1, 5], readings[k - 1, 6])
-    y = turned(B, readings[k, 4], readings[k, 5], readings[k, 6])
+    x = applied(A, (readings[k - 1, 4], readings[k - 1, 5], readings[k - 1, 6]))
+    y = applied(B, (readings[k, 4], readings[k, 5], readings[k, 6]))
     C = (
         0.5 * (A[0] + B[0]), 0.5 * (A[1] + B[1]), 0.5 * (A[2] + B[2]),
         0.5 * (A[3] + B[3]), 0.5 * (A[4] + B[4]), 0.5 * (A[5] + B[5]),
@@ -224,7 +227,7 @@ def _step(k: int, readings: FloatArray, quaternion: FloatArray) -> tuple[Matrix,
     return C, (0.5 * (x[0] + y[0]), 0.5 * (x[1] + y[1]), 0.5 * (x[2] + y[2]))
 
 
-@compiled
+@inlined
 def _predict_back(Y: FloatArray, k: int, readings: FloatArray, quaternion: FloatArray) -> None:
     """Take the adjoints from sample k to k - 1: ``F' Y``, and on the right of the covariance's."""
     dt = readings[k, 0]
@@ -258,7 +261,7 @@ def _predict_back(Y: FloatArray, k: int, readings: FloatArray, quaternion: Float
         R[11] -= C[2] * x + C[5] * y + C[8] * z
 
 
-@compiled
+@inlined
 def _measure(
     X: FloatArray,
     k: int,
@@ -276,9 +279,7 @@ def _measure(
         C = matrix((q[0], q[1], q[2], q[3]))
         w = (readings[k, 1], readings[k, 2], readings[k, 3])
         r = (model[6], model[7], model[8])
-        u = turned(
-            C, w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2], w[0] * r[1] - w[1] * r[0]
-        )
+        u = applied(C, cross(w, r))
         for i in range(3):
             h = log[used, :N]
             h[:] = 0.0
@@ -289,10 +290,7 @@ def _measure(
                 h[0], h[2] = u[2], -u[0]
             else:
                 h[0], h[1] = -u[1], u[0]
-            c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
-            h[13] = w[1] * c[2] - w[2] * c[1]
-            h[14] = w[2] * c[0] - w[0] * c[2]
-            h[15] = w[0] * c[1] - w[1] * c[0]
+            h[13], h[14], h[15] = cross(w, (C[3 * i], C[3 * i + 1], C[3 * i + 2]))
             _measure_one(X, measured[k, 0], log[used], seen)
             used += 1
     if measured[k, 1] > 0.0:
@@ -304,7 +302,7 @@ def _measure(
     return used
 
 
-@compiled
+@inlined
 def _measure_one(X: FloatArray, variance: float, line: FloatArray, seen: FloatArray) -> None:
     """Measure one number; ``line`` is its row h, the gain, the variance, and h times errors."""
     seen[:] = 0.0
@@ -326,7 +324,7 @@ def _measure_one(X: FloatArray, variance: float, line: FloatArray, seen: FloatAr
         line[2 * N + 1 + j] = seen[N + j]
 
 
-@compiled
+@inlined
 def _measure_back(Y: FloatArray, line: FloatArray, pulled: FloatArray) -> None:
     """Take the adjoints to before a measurement."""
     s = line[2 * N]
@@ -350,7 +348,7 @@ def _measure_back(Y: FloatArray, line: FloatArray, pulled: FloatArray) -> None:
             Y[i, j] -= pushed * line[j]
 
 
-@compiled
+@inlined
 def _smoothed(
     P: FloatArray, Y: FloatArray, random: FloatArray, constant: FloatArray, half: FloatArray
 ) -> None:
@@ -369,7 +367,7 @@ def _smoothed(
             constant[i, j] = P[i, N + j] + half[N + j]
 
 
-@compiled
+@inlined
 def _between(
     P: FloatArray, Y: FloatArray, here: FloatArray, there: FloatArray, out: FloatArray
 ) -> None:

@@ -72,16 +72,6 @@ def matrix(q: Quaternion) -> Matrix:
 
 
 @inlined
-def turned(C: Matrix, x: float, y: float, z: float) -> Vector:
-    """Rotate a vector from sensor to navigation axes."""
-    return (
-        C[0] * x + C[1] * y + C[2] * z,
-        C[3] * x + C[4] * y + C[5] * z,
-        C[6] * x + C[7] * y + C[8] * z,
-    )
-
-
-@inlined
 def integrated_rate(dt: float, w0: Vector, w1: Vector) -> Vector:
     """Rotation vector [rad] of a step of ``dt`` over which the rate goes linearly from w0 to w1.
 
