@@ -24,10 +24,10 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a small function into whatever calls it; products may be fused with sums.
 
-    Compiled functions may call it, Python may not.
+    Compiled functions may call it, Python may not. It is kept on disk with its callers only; numba
+    does not notice when it changes and they do not: remove ``__pycache__`` after such a change.
     """
     options: dict[str, Any] = {
-        "cache": True,
         "nogil": True,
         "error_model": "numpy",
         "forceinline": True,
