@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imu_rig.cli.analyze_methods import Found, Way, find_track
@@ -12,12 +13,14 @@ from imu_rig.cli.analyze_reference import (
     beside_footprints,
     beside_reference,
 )
-from imu_rig.errors import DataError
+from imu_rig.cli.analyze_source import Calibrating, WalkRecording, read_walk
+from imu_rig.cli.recordings import TableOptions
+from imu_rig.cli.working import Working
+from imu_rig.errors import DataError, InputError
 
 if TYPE_CHECKING:
-    from imu_rig.cli.analyze_source import WalkRecording
-    from imu_rig.cli.working import Working
-    from imu_rig.report.foot_facts import FootAnalysis
+    from imu_rig.calibration.gravity import Gravity
+    from imu_rig.report.foot_facts import FootAnalysis, FootReport
 
 LEFT, RIGHT = "left", "right"
 
@@ -36,6 +39,41 @@ class Bounds:
 
     straight: bool = False
     together: bool = True
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the options ask for."""
+
+    table: TableOptions
+    sensors: tuple[str, ...]
+    calibrating: Calibrating
+    way: Way
+    gravity: Gravity
+    beside: ReferenceOptions
+    bounds: Bounds
+
+
+def analyse_recording(file: Path, wanted: Wanted, working: Working) -> FootReport:
+    """Analyse the feet of one recording."""
+    from imu_rig.report.foot_facts import FootReport
+
+    recordings = read_walk(file, wanted.table, wanted.sensors, wanted.calibrating)
+    if len(recordings) > 1 and (wanted.beside.file or wanted.beside.footprints):
+        raise InputError(
+            f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
+        )
+    feet, shared = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
+    facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
+    facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
+    facts.append(("Gravity", gravity_words(wanted.gravity)))
+    return FootReport(file.name, recordings[0].sha256, tuple(feet), shared, tuple(facts))
+
+
+def gravity_words(gravity: Gravity) -> str:
+    """Say which gravity was taken, for people."""
+    source = gravity.source if gravity.known else "standard gravity, as none was given"
+    return f"{gravity.value:.5f} m/s², {source}"
 
 
 def analyse_feet(

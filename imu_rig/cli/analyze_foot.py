@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imu_rig.cli.analyze_feet import Bounds, analyse_feet
-from imu_rig.cli.analyze_methods import Way
-from imu_rig.cli.analyze_options import Detector, Level, NoFiles
-from imu_rig.cli.analyze_reference import (
+from imu_rig.cli.analyze_options import (
+    AnyDevice,
+    Certificates,
     ClockSearch,
+    Detector,
     FitLever,
     FootprintsFile,
+    Level,
     Marker,
     Mirrored,
+    NoFiles,
+    Raw,
     ReferenceColumns,
     ReferenceFile,
-    ReferenceOptions,
     ReferenceRate,
     ReferenceUnit,
-)
-from imu_rig.cli.analyze_source import (
-    AnyDevice,
-    Calibrating,
-    Certificates,
-    Raw,
     Sensors,
-    read_walk,
 )
 from imu_rig.cli.options import (
     AccelColumns,
@@ -51,12 +45,9 @@ from imu_rig.cli.options import (
     gravity_from,
     named,
 )
-from imu_rig.cli.recordings import TableOptions
-from imu_rig.cli.working import Working
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
-    from imu_rig.calibration.gravity import Gravity
     from imu_rig.report.foot_facts import FootReport
 
 REPORT_NAME = "report.html"
@@ -131,8 +122,14 @@ def foot(
     as_json: Json = False,
 ) -> None:
     """Find where a foot went: trajectory, strides, and how far they can be trusted."""
+    from imu_rig.cli.analyze_feet import Bounds, Wanted, analyse_recording
     from imu_rig.cli.analyze_files import json_text
+    from imu_rig.cli.analyze_methods import Way
+    from imu_rig.cli.analyze_reference import ReferenceOptions
     from imu_rig.cli.analyze_show import foot_summary, reference_tables, show_foot, show_tables
+    from imu_rig.cli.analyze_source import Calibrating
+    from imu_rig.cli.recordings import TableOptions
+    from imu_rig.cli.working import Working
 
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
@@ -149,14 +146,14 @@ def foot(
         reference_unit, reference_rate,
     )  # fmt: skip
     beside.check(len(files))
-    wanted = _Wanted(
+    wanted = Wanted(
         table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight, not separate)
     )
     answers: list[dict[str, Any]] = []
     reports: list[FootReport] = []
     for file in files:
         with Working(f"Reading {file.name}") as working:
-            report = _analyse(file, wanted, working)
+            report = analyse_recording(file, wanted, working)
             written: dict[str, Any] = {}
             if not no_files:
                 working.now(f"Drawing {file.name}")
@@ -175,41 +172,6 @@ def foot(
     if tables:
         answer["tables"] = [table.to_dict() for table in tables]
     sys.stdout.write(json_text(answer) + "\n")
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """What the options ask for."""
-
-    table: TableOptions
-    sensors: tuple[str, ...]
-    calibrating: Calibrating
-    way: Way
-    gravity: Gravity
-    beside: ReferenceOptions
-    bounds: Bounds
-
-
-def _analyse(file: Path, wanted: _Wanted, working: Working) -> FootReport:
-    """Analyse the feet of one recording."""
-    from imu_rig.report.foot_facts import FootReport
-
-    recordings = read_walk(file, wanted.table, wanted.sensors, wanted.calibrating)
-    if len(recordings) > 1 and (wanted.beside.file or wanted.beside.footprints):
-        raise InputError(
-            f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
-        )
-    feet, shared = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
-    facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
-    facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
-    facts.append(("Gravity", gravity_words(wanted.gravity)))
-    return FootReport(file.name, recordings[0].sha256, tuple(feet), shared, tuple(facts))
-
-
-def gravity_words(gravity: Gravity) -> str:
-    """Say which gravity was taken, for people."""
-    source = gravity.source if gravity.known else "standard gravity, as none was given"
-    return f"{gravity.value:.5f} m/s², {source}"
 
 
 def _folder(output: Path | None, file: Path, *, several: bool, report: FootReport) -> Path:

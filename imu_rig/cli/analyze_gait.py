@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imu_rig.cli.analyze_foot import gravity_words
-from imu_rig.cli.analyze_methods import Way, find_track
-from imu_rig.cli.analyze_options import Level, NoFiles
-from imu_rig.cli.analyze_source import (
-    AnyDevice,
-    Calibrating,
-    Certificates,
-    Raw,
-    Sensors,
-    WalkRecording,
-    read_walk,
-)
+from imu_rig.cli.analyze_options import AnyDevice, Certificates, Level, NoFiles, Raw, Sensors
 from imu_rig.cli.options import (
     AccelColumns,
     AccelUnit,
@@ -40,12 +29,12 @@ from imu_rig.cli.options import (
     gravity_from,
     named,
 )
-from imu_rig.cli.recordings import TableOptions
-from imu_rig.cli.working import Working
 from imu_rig.errors import DataError, InputError
 
 if TYPE_CHECKING:
     from imu_rig.arrays import FloatArray
+    from imu_rig.cli.analyze_methods import Way
+    from imu_rig.cli.analyze_source import WalkRecording
     from imu_rig.gait.distance import WalkDistance, WalkOptions
     from imu_rig.report.gait_facts import GaitReport, GaitTrial
 
@@ -109,8 +98,13 @@ def gait(
     as_json: Json = False,
 ) -> None:
     """Measure the strides of a set of trials, and their distances against a known one."""
+    from imu_rig.cli.analyze_feet import gravity_words
     from imu_rig.cli.analyze_files import json_text
     from imu_rig.cli.analyze_gait_show import gait_summary, show_gait
+    from imu_rig.cli.analyze_methods import Way
+    from imu_rig.cli.analyze_source import Calibrating, read_walk
+    from imu_rig.cli.recordings import TableOptions
+    from imu_rig.cli.working import Working
     from imu_rig.gait.detectors import DETECTORS
 
     table = TableOptions(
@@ -204,6 +198,7 @@ def _trial(recording: WalkRecording, name: str, wanted: _Wanted) -> GaitTrial:
     DataError
         If it cannot be one of a foot that walks.
     """
+    from imu_rig.cli.analyze_methods import find_track
     from imu_rig.cli.analyze_show import sentences
     from imu_rig.gait.strides import gait_parameters
     from imu_rig.report.gait_facts import GaitTrial, along_the_walk

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from imu_rig.errors import InputError
 
@@ -17,59 +15,10 @@ if TYPE_CHECKING:
     from imu_rig.reference.reference import Reference
     from imu_rig.report.foot_facts import Measured
 
-ReferenceFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--reference",
-        help="Positions of the foot by optics: CSV, C3D, or pyshoe .mat. A recording that holds "
-        "them itself needs none.",
-    ),
-]
-Marker = Annotated[
-    str | None, typer.Option("--marker", help="Which marker of the reference sits on the foot.")
-]
-ReferenceColumns = Annotated[
-    str | None,
-    typer.Option(
-        "--reference-columns", help="Its columns of x, y and z by name or number, as X,Y,Z."
-    ),
-]
-ReferenceUnit = Annotated[
-    str | None, typer.Option("--reference-unit", help="Unit of its positions: m, cm or mm.")
-]
-ReferenceRate = Annotated[
-    float | None,
-    typer.Option("--reference-rate", help="Its samples per second, where it has no times."),
-]
-ClockSearch = Annotated[
-    float,
-    typer.Option(
-        "--search-offset",
-        min=0.0,
-        max=600.0,
-        help="The reference's clock may differ by up to so many seconds; 0: it is the same.",
-    ),
-]
-Mirrored = Annotated[
-    bool, typer.Option("--mirrored", help="The reference is left-handed: turn the sign of its y.")
-]
-FitLever = Annotated[
-    bool,
-    typer.Option(
-        "--fit-lever", help="Say also what is left if the marker's place on the foot is fitted."
-    ),
-]
-FootprintsFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--footprints", help="Measured footprints of the foot: CSV with x and y [m], or .mat."
-    ),
-]
-
 
 @dataclass(frozen=True)
 class ReferenceOptions:
-    """What the options say about references; see the annotations of this module."""
+    """What the options say about references; see `imu_rig.cli.analyze_options`."""
 
     file: Path | None = None
     marker: str | None = None

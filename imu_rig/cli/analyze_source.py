@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from imu_rig.cli.recordings import TableOptions, digest_of, open_if_trial
 from imu_rig.errors import DataError, InputError
@@ -25,29 +23,10 @@ ON_A_FOOT = re.compile(r"foot|feet|shoe|boot|instep|ankle|heel|toe", re.IGNORECA
 NOT_ON_A_FOOT = re.compile(r"waist|hip|back|belt|chest|head|wrist|hand|thigh", re.IGNORECASE)
 MOST_FEET = 2
 
-Sensors = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--sensor", help="Which sensor; twice for two feet. By default those called after feet."
-    ),
-]
-Certificates = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--certificate",
-        metavar="[SENSOR=]FILE",
-        help="Certificate to calibrate with; by default the one kept in the trial, if any.",
-    ),
-]
-Raw = Annotated[bool, typer.Option("--raw", help="Do not calibrate, whatever the trial holds.")]
-AnyDevice = Annotated[
-    bool, typer.Option("--any-device", help="Apply the certificate of another sensor.")
-]
-
 
 @dataclass(frozen=True)
 class Calibrating:
-    """What the options say about certificates; see `Certificates` and `Raw`."""
+    """What the options say about certificates; see `imu_rig.cli.analyze_options`."""
 
     files: tuple[str, ...] = ()
     raw: bool = False
