@@ -13,6 +13,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.axes import (
     FEWEST_STRIDES,
+    MISFIT,
     AxesAgreement,
     ClockAgreement,
     compare_axes,
@@ -153,7 +154,7 @@ def _require_agreement(
     lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
     if lazy or not axes.agree:
         raise DataError(_disagreement(axes))
-    if whole and axes.strides >= FEWEST_STRIDES:
+    if whole and axes.strides >= FEWEST_STRIDES and axes.middle > MISFIT:
         clocks = compare_clocks(strides)
         if not clocks.agree:
             raise DataError(_apart(clocks))

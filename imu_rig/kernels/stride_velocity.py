@@ -74,8 +74,10 @@ def stride_velocities(
                     y + w * hy - x * hz + z * hx,
                     z + w * hz + x * hy - y * hx,
                 )
-                norm = math.sqrt(w * w + x * x + y * y + z * z)
-                w, x, y, z = w / norm, x / norm, y / norm, z / norm
+                near = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # 1 / norm, near 1
+                if near < 0.9:  # turning by a radian a sample
+                    near = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+                w, x, y, z = w * near, x * near, y * near, z * near
                 fx = 0.5 * d * (accel[i, 0] + accel[i - 1, 0])
                 fy = 0.5 * d * (accel[i, 1] + accel[i - 1, 1])
                 fz = 0.5 * d * (accel[i, 2] + accel[i - 1, 2])
