@@ -10,6 +10,7 @@ from imu_rig.errors import DataError
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.trajectory import FootTrack
 from imu_rig.kernels.columns import rotated
+from imu_rig.kernels.foot_backward import integrate
 from imu_rig.kernels.rolling import moving_mean, moving_minimum
 from imu_rig.rotation import from_rotation_vector, rotate
 from imu_rig.units import STANDARD_GRAVITY
@@ -123,10 +124,10 @@ def _require_consistent(track: FootTrack, t: FloatArray, accel: FloatArray, grav
     if len(rows) < 2:
         return
     moved = rotated(track.trajectory.quaternion, accel) - np.array([0.0, 0.0, gravity])
-    change = np.zeros_like(moved)
-    change[1:] = 0.5 * np.diff(t)[:, np.newaxis] * (moved[1:] + moved[:-1])
+    reached = np.empty_like(moved)
+    integrate(np.diff(t, prepend=t[0]), moved[0], np.zeros(3), moved, reached)
     velocity = track.trajectory.velocity
-    forced = np.diff(velocity[rows], axis=0) - np.diff(np.cumsum(change, axis=0)[rows], axis=0)
+    forced = np.diff(velocity[rows], axis=0) - np.diff(reached[rows], axis=0)
     square = np.einsum("ij,ij->i", velocity, velocity)
     speed = np.sqrt(np.maximum.reduceat(square[: rows[-1]], rows[:-1]))
     typical = float(np.percentile(speed, 75))
