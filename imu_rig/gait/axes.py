@@ -28,7 +28,7 @@ REST_RATIO, REST_WITHIN_S = 2.5, 0.8
 STRIDE_S = (0.25, 3.0)
 SWING_SHARE = 0.4
 MOST_STRIDES = 12
-FEWEST_STRIDES = 4
+FEWEST_STRIDES, MANY_STRIDES = 4, 8
 PIECE_S, PIECES = 15.0, 4
 """Of a long recording, so many pieces of that length with the most motion are looked at: how a
 sensor's axes lie does not change."""
@@ -36,10 +36,11 @@ sensor's axes lie does not change."""
 ENOUGH_HZ = 100.0
 """Swings are well integrated at this rate."""
 
-CLEARLY = 0.7
+CLEARLY, WELL, FAR_BETTER = 0.7, 0.4, 0.5
 """Another reading of the axes is taken to be the right one if it leaves at most this share of the
-velocity at the ends of strides. In simulated walks with uncalibrated sensors the right reading
-leaves the least."""
+velocity at the ends of strides, and less than so much [m/s], or a still smaller share. In simulated
+walks with uncalibrated sensors the right reading leaves the least; a bias that is not known, for
+want of rest, may leave as much as a wrong one, and of few strides one in fifty fits by chance."""
 
 FITS = 0.15
 """With no more left than this [m/s], the axes are right: wrong ones leave 0.23 m/s at least, in
@@ -90,7 +91,9 @@ class AxesAgreement:
     @property
     def agree(self) -> bool:
         """Whether nothing fits clearly better than the axes as they are."""
-        return self.strides < FEWEST_STRIDES or self.left_by_best > CLEARLY * self.left
+        sure = self.left_by_best < WELL and self.strides >= MANY_STRIDES
+        share = CLEARLY if sure else FAR_BETTER
+        return self.strides < FEWEST_STRIDES or self.left_by_best > share * self.left
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,18 @@ from imu_rig.kernels.compiled import compiled
 
 
 @compiled
+def turned(
+    w: float, x: float, y: float, z: float, a: float, b: float, c: float
+) -> tuple[float, float, float]:
+    """Turn the vector (a, b, c) by the unit quaternion (w, x, y, z)."""
+    return (
+        (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c,
+        (1 - 2 * (x * x + z * z)) * b + 2 * (x * y + w * z) * a + 2 * (y * z - w * x) * c,
+        (1 - 2 * (x * x + y * y)) * c + 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b,
+    )
+
+
+@compiled
 def stride_velocities(
     dt: FloatArray,
     gyro: FloatArray,
@@ -60,6 +72,8 @@ def stride_velocities(
             else:
                 w, x, y = 0.0, 1.0, 0.0
             vx, vy, vz = 0.0, 0.0, 0.0
+            i = first[k]
+            ox, oy, oz = turned(w, x, y, z, accel[i, 0], accel[i, 1], accel[i, 2])
             for i in range(first[k] + 1, last[k] + 1):
                 d = dt[i]
                 gx = 0.25 * d * (gyro[i, 0] + gyro[i - 1, 0])
@@ -78,15 +92,11 @@ def stride_velocities(
                 if near < 0.9:  # turning by a radian a sample
                     near = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
                 w, x, y, z = w * near, x * near, y * near, z * near
-                fx = 0.5 * d * (accel[i, 0] + accel[i - 1, 0])
-                fy = 0.5 * d * (accel[i, 1] + accel[i - 1, 1])
-                fz = 0.5 * d * (accel[i, 2] + accel[i - 1, 2])
-                vx += (1 - 2 * (y * y + z * z)) * fx
-                vx += 2 * (x * y - w * z) * fy + 2 * (x * z + w * y) * fz
-                vy += (1 - 2 * (x * x + z * z)) * fy
-                vy += 2 * (x * y + w * z) * fx + 2 * (y * z - w * x) * fz
-                vz += (1 - 2 * (x * x + y * y)) * fz
-                vz += 2 * (x * z - w * y) * fx + 2 * (y * z + w * x) * fy - gravity * d
+                nx, ny, nz = turned(w, x, y, z, accel[i, 0], accel[i, 1], accel[i, 2])
+                vx += 0.5 * d * (ox + nx)
+                vy += 0.5 * d * (oy + ny)
+                vz += 0.5 * d * (oz + nz) - gravity * d
+                ox, oy, oz = nx, ny, nz
             left[h, k, 0] = vx
             left[h, k, 1] = vy
             left[h, k, 2] = vz

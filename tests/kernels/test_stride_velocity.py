@@ -24,7 +24,7 @@ def test_a_right_reading_leaves_what_was_gained_and_a_wrong_one_does_not():
     for k in range(1, len(t)):
         step = 0.5 * (rates[k] + rates[k - 1]) * dt[k]
         q[k] = multiply(q[k - 1], from_rotation_vector(step))
-    force = rotate(q * [1, -1, -1, -1], moved + [0.0, 0.0, GRAVITY])
+    force = rotate(q * [1, -1, -1, -1], moved + np.array([0.0, 0.0, GRAVITY]))
     axes = np.stack((np.eye(3), np.diag([1.0, -1.0, 1.0]), np.eye(3)[[1, 0, 2]]))
     first, last = np.array([0]), np.array([len(t) - 1])
     left = stride_velocities(dt, rates, force, first, last, GRAVITY * up[np.newaxis], GRAVITY, axes)
