@@ -36,8 +36,17 @@ LEAST_PLACE = 0.005
 and what rolls is no rigid body [m]."""
 
 CALIBRATED_BIAS = 0.1 * DEG
-"""A gyroscope's bias of a sensor whose gains and axes are within some tenths of a percent
-[rad/s]. Over the grades of sensors, gains improve with the root of biases."""
+CALIBRATED_FORCE = 0.005
+"""A gyroscope's bias [rad/s], and by which part of gravity an accelerometer errs at rest, of a
+sensor whose gains and axes are within some tenths of a percent."""
+
+MATRIX_POWER = 0.5
+"""Biases of a hundred times that go with gains and axes that are ten times worse: from
+industrial units to chips as their data sheets allow them (3 deg/s and 3 percent)."""
+
+REST_S = 0.05
+"""The accelerometer at rest is averaged so far to either side [s]: a tenth of a second is quiet in
+every stance of walking."""
 
 ROW_S = 0.3
 """Longest time between two rows [s]: four rows in a stride of walking, two in that of a sprint."""
@@ -85,7 +94,8 @@ def track_covariance(
     at_falls = np.searchsorted(rows, footfalls.quietest)
     falls[at_falls] = True
     level_row = int(footfalls.quietest[0]) if len(footfalls) else 0
-    grade = believed_grade(grade, bias, states.accel_bias, force[level_row])
+    misfit = force_misfit(trajectory.t, inputs, footfalls, model.gravity)
+    grade = believed_grade(grade, bias, misfit, model.gravity)
     errors = np.concatenate(
         (
             _root(bias.covariance).ravel(),
@@ -122,7 +132,7 @@ def track_covariance(
 
 
 def believed_grade(
-    grade: SensorGrade, bias: GyroBias, accel_bias: FloatArray, up: FloatArray
+    grade: SensorGrade, bias: GyroBias, misfit: float, gravity: float
 ) -> SensorGrade:
     """Return what to think of a sensor that showed itself worse than was thought of it.
 
@@ -135,22 +145,40 @@ def believed_grade(
     grade : SensorGrade
         Before the recording.
     bias : GyroBias
-    accel_bias : shape (n, 3)
-        As estimated [m/s^2].
-    up : shape (3,)
-        Any vector that points up, sensor axes.
+    misfit : float
+        By which part of gravity the accelerometer errs at rest, as `force_misfit` finds it. It may
+        be gain, bias, or both.
+    gravity : float
+        [m/s^2]
     """
     if grade.raw_odds == 0.0:
         return grade
     turning = float(np.sqrt(np.mean(np.square(bias.value))))
-    worse = max(1.0, (turning / CALIBRATED_BIAS) ** 0.5)
-    seen = float(accel_bias.mean(axis=0) @ up / np.linalg.norm(up))
+    shown = max(turning / CALIBRATED_BIAS, misfit / CALIBRATED_FORCE)
+    worse = max(1.0, shown**MATRIX_POWER)
+    matrix, offset = worse * grade.accel_matrix, worse * grade.accel_bias
+    more = max(0.0, misfit**2 - matrix**2 - (offset / gravity) ** 2) ** 0.5
     return replace(
         grade,
         gyro_matrix=worse * grade.gyro_matrix,
-        accel_matrix=worse * grade.accel_matrix,
-        accel_bias=float(np.hypot(worse * grade.accel_bias, seen)),
+        accel_matrix=float(np.hypot(matrix, more)),
+        accel_bias=float(np.hypot(offset, more * gravity)),
     )
+
+
+def force_misfit(t: FloatArray, inputs: FootInputs, footfalls: Footfalls, gravity: float) -> float:
+    """Return by which part of gravity the accelerometer errs where the foot rests.
+
+    In the middle of its footfalls or where it turns least, whichever is nearer to rest.
+    """
+    rows = footfalls.quietest
+    if len(rows) == 0:
+        return 0.0
+    read = np.linalg.norm(inputs.accel[rows], axis=1) / gravity
+    row = rows[np.argmin(np.linalg.norm(inputs.gyro[rows], axis=1))]
+    near = np.abs(t - t[row]) <= REST_S
+    least = np.linalg.norm(inputs.accel[near].mean(axis=0)) / gravity
+    return float(min(abs(np.median(read) - 1.0), abs(least - 1.0)))
 
 
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:
