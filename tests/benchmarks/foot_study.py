@@ -6,6 +6,7 @@ A study in simulation; every walk is simulated once and read by many sensors of 
     python tests/benchmarks/foot_study.py loops --sensors 10
     python tests/benchmarks/foot_study.py sprints
     python tests/benchmarks/foot_study.py nees --sensors 10
+    python tests/benchmarks/foot_study.py uncalibrated --seeds 3 --sensors 7
     python tests/benchmarks/foot_study.py defaults
 
 Position and heading are compared from the first sample on, where both are known by definition.
@@ -27,10 +28,14 @@ from imu_rig.errors import DataError
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.options import FootOptions, StanceOptions
 from imu_rig.gait.smoother import smooth_foot
+from imu_rig.gait.strides import gait_parameters
 from imu_rig.gait.trajectory import FootTrack, Trajectory
 from imu_rig.reference.planar import residual, root_mean_square
 from imu_rig.rotation import about_z, conjugate, multiply, to_rotation_vector
 from imu_rig.units import DEG, MILLI_G
+from simulators.budget import Budget, draw_sensor
+from simulators.inertial_sensor import InertialSensor
+from simulators.mpu9150 import MPU9150_RANGES
 from simulators.sampling import Means
 from simulators.walker.grades import GRADES, read_as
 from simulators.walker.scenarios import SCENARIOS, Scenario, Slide
@@ -44,6 +49,7 @@ NUMBERS = {name: number for number, name in enumerate(SCENARIOS)}
 NEES_WALKS = ("loop-80m", "straight-50m", "turns", "mixed", "running")
 LOOP = "loop-80m"
 LOOP_MARGIN = 1.3
+UNCALIBRATED_WALK = "straight-50m"
 SPRINTS = ("fast-run", "sprint")
 SPRINT_STRIDE_M, SPRINT_ERROR = (2.8, 3.2), 0.03
 CORRECTIONS = {
@@ -371,6 +377,31 @@ def root_mean_square_of(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def study_uncalibrated(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
+    """Score the uncertainty of distances that chips measure as their data sheets allow them."""
+    del grades
+    off: list[float] = []
+    for seed in range(1, seeds + 1):
+        shape = shape_of(UNCALIBRATED_WALK, seed)
+        for sensor in range(sensors):
+            rng = np.random.default_rng(1000 * seed + sensor)
+            chip = InertialSensor(draw_sensor(rng, Budget()), MPU9150_RANGES, rng)
+            readings = chip.read(shape.means, None)
+            t = shape.truth.t
+            try:
+                track = smooth_foot(ImuBlock(t, readings.accel, readings.gyro, t), covariance=True)
+            except DataError as refusal:
+                print(f"refused: {refusal}", flush=True)
+                continue
+            error = float(errors_of(track, shape.truth).lengths[1].sum())
+            strides = gait_parameters(track)
+            off.append(error / strides.distance_sigma)
+            print(f"{strides.distance:.2f} +- {strides.distance_sigma:.2f} m, off {error:+.2f} m")
+    rms = root_mean_square_of(off)
+    print(f"off by {rms:.2f} sigma (rms), {100 * np.mean(np.abs(off) < 2.0):.0f} % within two")
+    return 0.3**0.5 < rms < 2.0**0.5
+
+
 def study_defaults(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
     """Halve and double each default: how much path and distance change."""
 
@@ -430,6 +461,7 @@ STUDIES: dict[str, Callable[..., bool]] = {
     "loops": study_loops,
     "sprints": study_sprints,
     "nees": study_nees,
+    "uncalibrated": study_uncalibrated,
     "defaults": study_defaults,
 }
 

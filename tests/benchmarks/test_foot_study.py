@@ -77,10 +77,12 @@ def test_strides_share_what_lasts_and_have_something_of_their_own():
     ("arguments", "told"),
     [
         (["sprints", "--grades", "good", "--only", "fast-run"], "missed 0, extra 0"),
+        (["uncalibrated", "--sensors", "5"], " sigma (rms)"),
         (["walks", "--grades", "poor", "--only", "shuffle-turns"], "missed 0 extra 0"),
     ],
 )
 def test_the_study_prints_what_it_found(arguments, told, monkeypatch, capsys):
+    monkeypatch.setattr(study, "UNCALIBRATED_WALK", "level-10m")
     monkeypatch.setattr("sys.argv", ["study", *arguments])
     study.main()
     printed = capsys.readouterr().out
