@@ -36,7 +36,7 @@ sensor's axes lie does not change."""
 ENOUGH_HZ = 100.0
 """Swings are well integrated at this rate."""
 
-CLEARLY, WELL, FAR_BETTER = 0.7, 0.4, 0.5
+CLEARLY, WELL, FAR_BETTER = 0.6, 0.4, 0.5
 """Another reading of the axes is taken to be the right one if it leaves at most this share of the
 velocity at the ends of strides, and less than so much [m/s], or a still smaller share. In simulated
 walks with uncalibrated sensors the right reading leaves the least; a bias that is not known, for

@@ -17,7 +17,13 @@ from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance
 from imu_rig.gait.filter_inputs import foot_inputs, foot_model
 from imu_rig.gait.fitness import check_recording
-from imu_rig.gait.footfalls import LEAST_SHARE, LEAST_STRIDE_S, find_footfalls
+from imu_rig.gait.footfalls import (
+    LEAST_SHARE,
+    LEAST_STRIDE_S,
+    UNMOVED_M,
+    UNTURNED,
+    find_footfalls,
+)
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M, level_strides
 from imu_rig.gait.options import FootOptions
@@ -306,8 +312,11 @@ class LiveFoot:
             start=self._state,
         )
 
-    def _stride(self, look: _Look, quietest: int) -> LiveStride:
-        """Smooth the stride from the anchor to there, and make that the anchor."""
+    def _stride(self, look: _Look, quietest: int) -> LiveStride | None:
+        """Smooth the stride from the anchor to there, and make that the anchor.
+
+        None if it leads nowhere: a stance that was torn by a shift of weight.
+        """
         begin = self._anchor
         assert begin is not None
         if self.options.level != "never":
@@ -321,16 +330,19 @@ class LiveFoot:
         a, b = begin - self._done, quietest - self._done
         way = smoothed.position[b] - smoothed.position[a]
         turned = to_matrix(multiply(smoothed.quaternion[b], conjugate(smoothed.quaternion[a])))
-        self.strides += 1
+        turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
         self._advance(look, begin)
         self._anchor = quietest
+        if np.linalg.norm(way) < UNMOVED_M and abs(turn) < UNTURNED:
+            return None
+        self.strides += 1
         return LiveStride(
             begin_s=float(look.t[begin]),
             end_s=float(look.t[quietest]),
             told_s=float(look.t[-1]),
             length=float(np.hypot(way[0], way[1])),
             height=float(way[2]),
-            turn=float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])),
+            turn=turn,
         )
 
     def _stand_on(self, look: _Look, last: int) -> None:
