@@ -40,13 +40,14 @@ CALIBRATED_FORCE = 0.005
 """A gyroscope's bias [rad/s], and by which part of gravity an accelerometer errs at rest, of a
 sensor whose gains and axes are within some tenths of a percent."""
 
-MATRIX_POWER = 0.5
-"""Biases of a hundred times that go with gains and axes that are ten times worse: from
+MATRIX_POWER = 0.55
+"""Biases of a hundred times that go with gains and axes that are a dozen times worse: from
 industrial units to chips as their data sheets allow them (3 deg/s and 3 percent)."""
 
 REST_S = 0.05
 """The accelerometer at rest is averaged so far to either side [s]: a tenth of a second is quiet in
 every stance of walking."""
+RESTS = 3
 
 ROW_S = 0.3
 """Longest time between two rows [s]: four rows in a stride of walking, two in that of a sprint."""
@@ -169,16 +170,21 @@ def believed_grade(
 def force_misfit(t: FloatArray, inputs: FootInputs, footfalls: Footfalls, gravity: float) -> float:
     """Return by which part of gravity the accelerometer errs where the foot rests.
 
-    In the middle of its footfalls or where it turns least, whichever is nearer to rest.
+    The middle of those `RESTS` footfalls around which it turns the least.
     """
     rows = footfalls.quietest
     if len(rows) == 0:
         return 0.0
-    read = np.linalg.norm(inputs.accel[rows], axis=1) / gravity
-    row = rows[np.argmin(np.linalg.norm(inputs.gyro[rows], axis=1))]
-    near = np.abs(t - t[row]) <= REST_S
-    least = np.linalg.norm(inputs.accel[near].mean(axis=0)) / gravity
-    return float(min(abs(np.median(read) - 1.0), abs(least - 1.0)))
+    begin = np.searchsorted(t, t[rows] - REST_S)
+    end = np.searchsorted(t, t[rows] + REST_S, side="right")
+
+    def around(values: FloatArray) -> FloatArray:
+        total = np.concatenate((np.zeros((1, 3)), np.cumsum(values, axis=0)))
+        return np.asarray((total[end] - total[begin]) / (end - begin)[:, np.newaxis])
+
+    turning = np.sqrt(around(np.square(inputs.gyro)).sum(axis=1))
+    read = np.linalg.norm(around(inputs.accel), axis=1) / gravity
+    return float(abs(np.median(read[np.argsort(turning)[:RESTS]]) - 1.0))
 
 
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:
