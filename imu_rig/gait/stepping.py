@@ -9,9 +9,9 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.trajectory import FootTrack
+from imu_rig.gait.unseen import Unseen
 from imu_rig.kernels.columns import rotated
-from imu_rig.kernels.foot_backward import integrate
-from imu_rig.kernels.rolling import moving_mean, moving_minimum
+from imu_rig.kernels.foot_checks import means_around, stride_changes, turned_between
 from imu_rig.rotation import from_rotation_vector, rotate
 from imu_rig.units import STANDARD_GRAVITY
 
@@ -23,11 +23,17 @@ than this share of its swings: a running foot, which rolls on, by 1.2 m/s^2 and 
 whose swings exceed `SPRINT_SWING` (root mean square, [m/s^2]), never rests and is accelerated by
 17 m/s^2 and 25 %. What is waved or worn elsewhere turns around there: 40 % and more."""
 
+SWING_EVERY = 7
+"""So many samples of swings are one for their root mean square."""
+
 FORCED_SHARE, FORCED = 0.2, 0.03
 """Between two stances the integral of the acceleration is the change of velocity, except for what a
 smoother makes up for: 1 to 8 % of the highest speed in walks and runs, 16 % of a hand's width of
 slow sliding with an uncalibrated sensor. Where "at rest" is not true, it makes up for the motion
 itself: more than this share of the speed and this [m/s], by the upper quartiles of the strides."""
+UNSEEN = 2.0
+"""What readings may have missed, a strike between two samples for one, counts up to so many of its
+standard deviations."""
 
 QUIET = 0.1
 LONG_S, LAG_S, MEAN_S = 1.5, 1.0, 0.5
@@ -47,7 +53,11 @@ EDGE_S = 0.3
 
 
 def check_track(
-    track: FootTrack, block: ImuBlock, *, gravity: float = STANDARD_GRAVITY
+    track: FootTrack,
+    block: ImuBlock,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+    unseen: Unseen | None = None,
 ) -> tuple[str, ...]:
     """Check what came out: whether it is the motion of a foot that steps.
 
@@ -59,6 +69,8 @@ def check_track(
         What it was made of.
     gravity : float
         [m/s^2]
+    unseen : Unseen, optional
+        What the recording does not tell of the motion.
 
     Returns
     -------
@@ -73,11 +85,12 @@ def check_track(
     rows = track.footfalls.quietest
     if not len(rows):
         raise DataError(_NOT_A_FOOT.format("it never comes to rest"))
-    t = track.trajectory.t
-    accel = np.ascontiguousarray(block.accel, dtype=float) - track.accel_bias
+    t = np.ascontiguousarray(track.trajectory.t, dtype=float)
+    accel = np.ascontiguousarray(block.accel, dtype=float)
     _require_rest(track, t, accel, gravity)
-    _require_consistent(track, t, accel, gravity)
-    _require_steady(track, t, accel, block.gyro - track.gyro_bias)
+    missed = np.zeros(len(t)) if unseen is None else unseen.velocity
+    _require_consistent(track, t, accel, missed, gravity)
+    _require_steady(track, t, accel, np.ascontiguousarray(block.gyro, dtype=float))
     steps = np.diff(track.trajectory.position[rows], axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if np.any(lengths > FARTHEST):
@@ -103,14 +116,16 @@ _NOT_A_FOOT = (
 
 def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: float) -> None:
     """Refuse what is accelerated in the moments that were taken for rest."""
-    swings = ~track.zero_velocity.still
-    if not swings.any():
+    swings = np.flatnonzero(~track.zero_velocity.still)
+    if not len(swings):
         return
-    mean = moving_mean(t, accel, 0.025)
-    moved = rotated(track.trajectory.quaternion, mean) - np.array([0.0, 0.0, gravity])
-    size = np.sqrt(np.einsum("ij,ij->i", moved, moved))
-    at_rest = float(np.median(size[track.footfalls.quietest]))
-    in_swing = float(np.sqrt(np.mean(size[swings] ** 2)))
+    quietest = track.footfalls.quietest
+    rows = np.concatenate((quietest, swings[::SWING_EVERY]))
+    mean = means_around(t, accel, rows, 0.025) - track.accel_bias
+    moved = rotated(track.trajectory.quaternion[rows], mean) - np.array([0.0, 0.0, gravity])
+    square = np.einsum("ij,ij->i", moved, moved)
+    at_rest = float(np.sqrt(np.median(square[: len(quietest)])))
+    in_swing = float(np.sqrt(np.mean(square[len(quietest) :])))
     share = REST_SHARE if in_swing < SPRINT_SWING else REST_SHARE_SPRINT
     if at_rest > REST_ACCEL and at_rest > share * in_swing:
         raise DataError(
@@ -118,21 +133,30 @@ def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: f
         )
 
 
-def _require_consistent(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: float) -> None:
+def _require_consistent(
+    track: FootTrack, t: FloatArray, accel: FloatArray, missed: FloatArray, gravity: float
+) -> None:
     """Refuse where the velocity at the ends of strides is forced upon the accelerations."""
     rows = track.footfalls.quietest
     if len(rows) < 2:
         return
-    moved = rotated(track.trajectory.quaternion, accel) - np.array([0.0, 0.0, gravity])
-    reached = np.empty_like(moved)
-    integrate(np.diff(t, prepend=t[0]), moved[0], np.zeros(3), moved, reached)
-    velocity = track.trajectory.velocity
-    forced = np.diff(velocity[rows], axis=0) - np.diff(reached[rows], axis=0)
-    square = np.einsum("ij,ij->i", velocity, velocity)
-    speed = np.sqrt(np.maximum.reduceat(square[: rows[-1]], rows[:-1]))
+    whole = track.trajectory
+    told = stride_changes(
+        t,
+        accel,
+        track.accel_bias,
+        np.ascontiguousarray(whole.quaternion),
+        np.ascontiguousarray(whole.velocity),
+        rows,
+        gravity,
+    )
+    forced = np.diff(whole.velocity[rows], axis=0) - told[:, :3]
+    speed = told[:, 3]
     typical = float(np.percentile(speed, 75))
     most = float(np.percentile(np.linalg.norm(forced, axis=1), 75))
-    if most > FORCED_SHARE * typical + FORCED:
+    variance = np.add.reduceat(np.square(missed[: rows[-1]]), rows[:-1])
+    explained = UNSEEN * float(np.sqrt(np.percentile(variance, 75)))
+    if most > np.hypot(FORCED_SHARE * typical + FORCED, explained):
         raise DataError(
             _NOT_A_FOOT.format(
                 f"where it seems to stand it moves on, by {most:.1f} m/s more or less than before"
@@ -143,16 +167,18 @@ def _require_consistent(track: FootTrack, t: FloatArray, accel: FloatArray, grav
 def _require_steady(track: FootTrack, t: FloatArray, accel: FloatArray, gyro: FloatArray) -> None:
     """Refuse what is accelerated slowly while it seems to stand."""
     begin, end = _moments(track.zero_velocity.statistic < QUIET, t)
-    resting = moving_minimum(t, track.zero_velocity.still.astype(float), 0.5 * MEAN_S) > 0.0
-    both = resting[begin] & resting[end]
+    if not len(begin):
+        return
+    both = _resting(track.zero_velocity.still, t, np.stack((begin, end))).all(axis=0)
     begin, end = begin[both], end[both]
     if not len(begin):
         return
-    mean = moving_mean(t, accel, 0.5 * MEAN_S)
-    dt = np.diff(t, prepend=t[0])[:, np.newaxis]
-    turned = np.cumsum(gyro * dt, axis=0)
-    before = rotate(from_rotation_vector(turned[begin] - turned[end]), mean[begin])
-    off = np.linalg.norm(mean[end] - before, axis=1) > DRIFTS
+    mean = means_around(t, accel, begin, 0.5 * MEAN_S) - track.accel_bias
+    later = means_around(t, accel, end, 0.5 * MEAN_S) - track.accel_bias
+    turned = turned_between(t, gyro, begin, end)
+    turned -= (t[end] - t[begin])[:, np.newaxis] * track.gyro_bias
+    before = rotate(from_rotation_vector(-turned), mean)
+    off = np.linalg.norm(later - before, axis=1) > DRIFTS
     share = float(off.mean())
     if share > DRIFT_SHARE and off.sum() * 0.1 > DRIFT_LEAST_S:
         raise DataError(
@@ -173,6 +199,14 @@ def _moments(quiet: BoolArray, t: FloatArray) -> tuple[IntArray, IntArray]:
     moments = np.concatenate(begins) if begins else np.empty(0)
     begin, end = np.searchsorted(t, moments), np.searchsorted(t, moments + LAG_S)
     return begin.astype(np.int64), end.astype(np.int64)
+
+
+def _resting(still: BoolArray, t: FloatArray, rows: IntArray) -> BoolArray:
+    """Tell of samples whether the foot rests throughout the `MEAN_S` around each."""
+    moving = np.concatenate(([0], np.cumsum(~still)))
+    first = np.searchsorted(t, t[rows] - 0.5 * MEAN_S - 1e-9)
+    last = np.searchsorted(t, t[rows] + 0.5 * MEAN_S + 1e-9, side="right")
+    return np.asarray(moving[last] == moving[first])
 
 
 def _notes_of(track: FootTrack, t: FloatArray) -> list[str]:
