@@ -107,7 +107,11 @@ def smooth_foot(
         inputs = _with_floor(inputs, footfalls, free.position, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(block.t, states, zero_velocity, footfalls, bias)
-    notes = (*notes, *track.notes, *check_track(track, block, gravity=options.gravity))
+    notes = (
+        *notes,
+        *track.notes,
+        *check_track(track, block, gravity=options.gravity, unseen=unseen),
+    )
     if not covariance:
         return replace(track, notes=notes)
     uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)

@@ -1,4 +1,4 @@
-"""Motion that a sensor did not see: gaps between samples, and readings at the end of its range."""
+"""Motion that a sensor did not see: between samples, in gaps, and beyond the end of its range."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.gait.footfalls import runs
 from imu_rig.gait.trajectory import Footfalls, TrajectoryCovariance
-from imu_rig.kernels.columns import extent, repeated
+from imu_rig.kernels.columns import extent, repeated, scatter
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
 GAP_S, GAP_RATIO = 0.03, 1.8
@@ -151,8 +151,15 @@ def unseen_motion(block: ImuBlock) -> Unseen:
     apart, as measured around the gap. A whole swing of the acceleration in between leaves the
     velocity as it is and moves the foot by ``D(T) T^2 / (2 pi)``. Where a range ended, a parabola
     with the slopes at its edges rises above it: its area, ``slope d^2 / 6``, is what is missing.
+
+    A shoe rings when it strikes, and many sensors do not smooth their readings before they sample
+    them. Where neighbouring readings are as good as independent, with the standard deviation s,
+    each stands for an unknown mean over its interval, and the integral is off by ``s dt`` every
+    sample. The same is true of noise.
     """
-    turn, velocity, place = (np.zeros(len(block)) for _ in range(3))
+    place = np.zeros(len(block))
+    dt = np.diff(block.t, prepend=block.t[:1])
+    turn, velocity = (dt * np.sqrt(scatter(_floats(x))) for x in (block.gyro, block.accel))
     gaps = find_gaps(block)
     for row, length, resting in zip(gaps.row, gaps.length, gaps.resting, strict=True):
         if not resting:

@@ -60,6 +60,33 @@ def repeated(one: FloatArray, other: FloatArray) -> BoolArray:
 
 
 @compiled
+def scatter(values: FloatArray) -> FloatArray:
+    """Return how far three columns scatter from row to row, as a variance of each row.
+
+    Fourth differences of what changes smoothly over five rows vanish; those of rows of which none
+    tells of the next have 70 times the variance of a row.
+
+    Parameters
+    ----------
+    values : shape (n, 3)
+
+    Returns
+    -------
+    shape (n,)
+        Mean over the columns; 0 for the two rows at either end.
+    """
+    out = np.zeros(len(values))
+    for k in range(2, len(values) - 2):
+        total = 0.0
+        for i in range(3):
+            beside = values[k - 1, i] + values[k + 1, i]
+            off = values[k - 2, i] + values[k + 2, i] - 4.0 * beside + 6.0 * values[k, i]
+            total += off * off
+        out[k] = total / 210.0
+    return out
+
+
+@compiled
 def bin_sums(values: FloatArray, edges: IntArray) -> FloatArray:
     """Return sums of three columns and of their squares over rows between ``edges``.
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from imu_rig import rotation
-from imu_rig.kernels.columns import bin_sums, extent, repeated, rotated
+from imu_rig.kernels.columns import bin_sums, extent, repeated, rotated, scatter
 
 
 @pytest.fixture
@@ -43,3 +43,12 @@ def test_bins_are_reduced_as_by_numpy(values):
 def test_rotation_is_that_of_quaternions(values):
     q = rotation.from_rotation_vector(values * [1.0, 0.1, 1e-3])
     assert rotated(q, values) == pytest.approx(rotation.rotate(q, values), abs=1e-10)
+
+
+def test_scatter_is_the_variance_of_noise_and_nothing_of_a_smooth_curve(values):
+    t = np.linspace(0.0, 1.0, len(values))
+    smooth = np.column_stack((np.sin(6.0 * t), t**3, np.ones(len(t))))
+    assert scatter(smooth).max() < 1e-15
+    noise = np.random.default_rng(3).normal(0.0, 0.2, (5000, 3))
+    assert scatter(100.0 * noise + 5.0).mean() == pytest.approx(400.0, rel=0.05)
+    assert not scatter(noise[:4]).any()
