@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from imu_rig.arrays import FloatArray
+from imu_rig.gait.filter_inputs import WIDE_BIAS
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.stills import Stills, drift_between
+from imu_rig.kernels.tracks import less_interpolated
 
 TURN_FACTOR = 2.0
 """By which the filter's own uncertainty of the bias about the vertical is too small: errors of a
@@ -23,6 +25,9 @@ TILT_FACTOR = 0.5
 """By which that about horizontal axes is too large: gravity shows these at every stance, while the
 filter's noise is generous to swings."""
 
+LEAST_TOLD = 1e-3
+"""Strides that say less than this part of what the filter's prior does say that much, by rounding.
+"""
 
 RAW_SCALES = 9
 LARGEST_SHARE = 40.0
@@ -79,8 +84,9 @@ def fuse_gyro_bias(
     """
     vertical = np.outer(up, up)
     factor = TILT_FACTOR * (np.eye(3) - vertical) + TURN_FACTOR * vertical
-    information = np.linalg.inv(factor @ covariance @ factor)
-    pointed = information @ (removed + walking)
+    information, alone = _without_prior(walking, covariance)
+    information = np.linalg.solve(factor, np.linalg.solve(factor, information).T)
+    pointed = information @ (removed + alone)
     of_stills = stills.information(drift_between(stills))
     information = information + of_stills.sum(axis=0)
     pointed = pointed + np.einsum("kij,kj->i", of_stills, stills.rate)
@@ -105,8 +111,8 @@ def fuse_gyro_bias(
     return GyroBias(value, 0.5 * (mixed + mixed.T), float(weights[1:].sum()))
 
 
-def bias_wander(t: FloatArray, stills: Stills, value: FloatArray) -> FloatArray:
-    """Return by how much the bias differs from its mean at each sample, shape (n, 3) [rad/s].
+def without_bias(gyro: FloatArray, t: FloatArray, stills: Stills, value: FloatArray) -> FloatArray:
+    """Return readings less the bias at each sample, which may wander, shape (n, 3) [rad/s].
 
     As a sensor warms up its bias changes. What a still reads beyond the mean ``value`` (3,) is
     believed as far as the wander between the stills exceeds its own uncertainty; between stills it
@@ -114,6 +120,8 @@ def bias_wander(t: FloatArray, stills: Stills, value: FloatArray) -> FloatArray:
 
     Parameters
     ----------
+    gyro : shape (n, 3)
+        As read [rad/s].
     t : shape (n,)
         Times [s], never decreasing.
     stills : Stills
@@ -122,11 +130,22 @@ def bias_wander(t: FloatArray, stills: Stills, value: FloatArray) -> FloatArray:
         `GyroBias.value`.
     """
     if len(stills) < 2:
-        return np.zeros((len(t), 3))
+        return gyro - value
     variance = drift_between(stills) ** 2
     gain = variance * stills.information(float(np.sqrt(variance)))
     away = np.einsum("kij,kj->ki", gain, stills.rate - value)
-    return np.column_stack([np.interp(t, stills.t, away[:, axis]) for axis in range(3)])
+    return less_interpolated(gyro, t, stills.t, value + away)
+
+
+def _without_prior(estimate: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information (3, 3) and the estimate (3,) of the strides alone.
+
+    The filter's prior would pull large biases towards 0, and count beside that of the grade.
+    """
+    of_both = np.linalg.inv(covariance)
+    sizes, axes = np.linalg.eigh(of_both - np.eye(3) / WIDE_BIAS**2)
+    information = (axes * np.maximum(sizes, LEAST_TOLD / WIDE_BIAS**2)) @ axes.T
+    return information, np.linalg.solve(information, of_both @ estimate)
 
 
 def _scales(grade: SensorGrade) -> list[tuple[float, float]]:

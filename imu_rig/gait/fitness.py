@@ -7,6 +7,8 @@ stays far on the right side of them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from imu_rig.blocks import ImuBlock
@@ -22,20 +24,24 @@ from imu_rig.gait.axes import (
     sample_strides,
 )
 from imu_rig.gait.form import check_form
+from imu_rig.gait.stamps import spread_repeats
 from imu_rig.gait.stepping import check_track
 from imu_rig.gait.stills import Stills, find_stills
 from imu_rig.gait.unseen import (
-    CLIP_ABOVE_ACCEL,
-    CLIP_ABOVE_GYRO,
     STEP_S,
     SWING_S,
-    find_clipping,
-    find_gaps,
+    Gaps,
+    Holes,
+    find_holes,
 )
+from imu_rig.kernels.columns import extent
 from imu_rig.kernels.rolling import moving_mean
 from imu_rig.units import DEG, STANDARD_GRAVITY
 
-__all__ = ["check_recording", "check_track"]
+__all__ = ["Inspection", "check_recording", "check_track", "inspect_recording"]
+
+MANY = 20_000
+"""Samples that are enough for percentiles of a recording."""
 
 MOST_RATE = 35.0
 """2000 deg/s [rad/s], the range of most gyroscopes. A foot reaches it in a sprint only, and never
@@ -68,9 +74,29 @@ lost. From a twentieth on, any contradiction of the sensors may come from there,
 sooner."""
 
 
-def check_recording(
-    block: ImuBlock, *, gravity: float = STANDARD_GRAVITY, stills: Stills | None = None
-) -> tuple[str, ...]:
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found in a recording that can give a true answer.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What its reader should know, a sentence each without its stop.
+    stills : Stills
+    holes : Holes
+    """
+
+    notes: tuple[str, ...]
+    stills: Stills
+    holes: Holes
+
+
+def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tuple[str, ...]:
+    """Return the notes of `inspect_recording`, which see."""
+    return inspect_recording(block, gravity=gravity).notes
+
+
+def inspect_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> Inspection:
     """Check a recording of a foot before anything is worked out from it.
 
     Parameters
@@ -79,13 +105,10 @@ def check_recording(
         As it was read, no bias taken off.
     gravity : float
         Local gravity [m/s^2].
-    stills : Stills, optional
-        Of the recording, where they are known already.
 
     Returns
     -------
-    tuple of str
-        What its reader should know, a sentence each without its stop.
+    Inspection
 
     Raises
     ------
@@ -96,21 +119,23 @@ def check_recording(
     accel = np.ascontiguousarray(block.accel, dtype=float)
     gyro = np.ascontiguousarray(block.gyro, dtype=float)
     block = ImuBlock(np.asarray(block.t, dtype=float), accel, gyro, block.host_s)
-    rate = np.sqrt(np.einsum("ij,ij->i", gyro, gyro))
+    some = gyro[:: 1 + len(gyro) // MANY]
+    rate = np.sqrt(np.einsum("ij,ij->i", some, some))
     usual, most = np.percentile(rate, (99.0, 99.5))
     if usual > MOST_RATE:
         raise DataError(
             f"the gyroscope reads {usual:.0f} rad/s, faster than any foot turns; it is probably in "
             "deg/s: state its unit (--gyro-unit deg/s)"
         )
-    stills = find_stills(block.t, accel, gyro) if stills is None else stills
+    stills = find_stills(spread_repeats(block.t), accel, gyro)
+    holes = find_holes(block)
     notes += _check_gravity(block, stills, gravity)
-    cut, told = _check_ranges(block)
+    cut, told = _check_ranges(block, holes)
     notes += told
-    notes += _check_gaps(block)
+    notes += _check_gaps(block, holes.gaps)
     if cut < CUT_MUCH:
         notes += _check_agreement(block, stills, gravity, float(most), whole=cut < CUT_LITTLE)
-    return tuple(notes)
+    return Inspection(tuple(notes), stills, holes)
 
 
 def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]:
@@ -154,7 +179,7 @@ def _check_agreement(
     """Compare gyroscope and accelerometer by the strides."""
     strides = sample_strides(block, stills, gravity)
     axes = compare_axes(strides)
-    shakes = float(np.sqrt(np.var(block.accel, axis=0).sum()))
+    shakes = float(np.sqrt(extent(block.accel)[3].sum()))
     lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
     if lazy or not axes.agree:
         raise DataError(_disagreement(axes))
@@ -202,8 +227,7 @@ def _disagreement(agreement: AxesAgreement) -> str:
     )
 
 
-def _check_gaps(block: ImuBlock) -> list[str]:
-    gaps = find_gaps(block)
+def _check_gaps(block: ImuBlock, gaps: Gaps) -> list[str]:
     if not len(gaps):
         return []
     start = block.t[gaps.row] - gaps.length
@@ -239,15 +263,16 @@ def _check_gaps(block: ImuBlock) -> list[str]:
     return notes
 
 
-def _check_ranges(block: ImuBlock) -> tuple[float, list[str]]:
-    most, notes = 0.0, []
+def _check_ranges(block: ImuBlock, holes: Holes) -> tuple[float, list[str]]:
+    most, notes = 0.0, list[str]()
+    if not (holes.gyro.any or holes.accel.any):
+        return most, notes
     moving = np.einsum("ij,ij->i", block.gyro, block.gyro) > TURNS**2
-    for values, least, word, unit, factor in (
-        (block.gyro, CLIP_ABOVE_GYRO, "gyroscope", "deg/s", 1.0 / DEG),
-        (block.accel, CLIP_ABOVE_ACCEL, "accelerometer", "g", 1.0 / STANDARD_GRAVITY),
+    for clipping, word, unit, factor in (
+        (holes.gyro, "gyroscope", "deg/s", 1.0 / DEG),
+        (holes.accel, "accelerometer", "g", 1.0 / STANDARD_GRAVITY),
     ):
-        clipping = find_clipping(values, least)
-        if not np.isfinite(clipping.limit).any():
+        if not clipping.any:
             continue
         cut = clipping.cut[:, 0] | clipping.cut[:, 1] | clipping.cut[:, 2]
         share = float(cut.sum() / max(1, np.count_nonzero(moving | cut)))

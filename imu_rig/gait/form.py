@@ -23,6 +23,9 @@ came in bursts and bear the times of their arrival."""
 JITTER_SHARE = 0.3
 """From here on the scatter of intervals is told, as a share of the median interval."""
 
+EVEN = 1.001
+"""Intervals of which the longest is at most so many times the shortest do not scatter."""
+
 MOST_ACCEL, MOST_GYRO = 5000.0, 120.0
 """No foot sensor measures more than 500 g or 7000 deg/s [m/s^2, rad/s]."""
 
@@ -98,7 +101,9 @@ def _check_times(t: FloatArray) -> tuple[str, ...]:
             f"{100 * equal:.0f} % of the samples have the same time as the one before: these are "
             "times of arrival in bursts; use the times of the device, or the sample rate"
         )
-    usual = float(np.median(dt[dt > 0.0]))
+    least, most = float(dt.min()), float(dt.max())
+    even = 0.0 < most < EVEN * least
+    usual = 0.5 * (least + most) if even else float(np.median(dt[dt > 0.0]))
     rate = 1.0 / usual
     if rate > MOST_HZ:
         raise DataError(f"by its times the recording has {rate:.3g} samples per second; {_SECONDS}")
@@ -112,7 +117,7 @@ def _check_times(t: FloatArray) -> tuple[str, ...]:
         raise DataError(
             f"the recording lasts {t[-1] - t[0]:.2f} s; record at least one whole stride"
         )
-    scatter = float(np.percentile(np.abs(dt - usual), 75)) / usual
+    scatter = 0.0 if even else float(np.percentile(np.abs(dt - usual), 75)) / usual
     if scatter > JITTER_SHARE:
         return (
             f"the times scatter: half of the intervals are within {100 * scatter:.0f} % of "

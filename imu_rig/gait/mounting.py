@@ -15,6 +15,7 @@ import numpy as np
 
 from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.gait.trajectory import Footfalls, Trajectory
+from imu_rig.kernels.tracks import rises
 from imu_rig.rotation import about_z, conjugate, rotate, to_matrix
 from imu_rig.units import DEG
 
@@ -124,12 +125,8 @@ def _directions(
 
 def _swings_toe_up(quaternion: FloatArray, rows: IntArray, x: FloatArray) -> bool:
     """Whether x (3,), sensor axes, rises in swings more than it falls, so that it is the heel."""
-    w, i, j, k = quaternion[rows[0] : rows[-1] + 1].T
-    # the z component of rotate(quaternion, x), which is all that is needed of so many samples
-    rising = 2.0 * ((i * k - w * j) * x[0] + (j * k + w * i) * x[1] - (i * i + j * j) * x[2]) + x[2]
-    begins = rows[:-1] - rows[0]
-    down = -float(np.median(np.minimum.reduceat(rising, begins)))
-    up = float(np.median(np.maximum.reduceat(rising, begins)))
+    extremes = np.median(rises(np.ascontiguousarray(quaternion), rows, x), axis=0)
+    down, up = -float(extremes[0]), float(extremes[1])
     return up > TOE_UP and up > MORE * down
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
-from imu_rig.gait.bias import GyroBias, bias_wander, fuse_gyro_bias
+from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
 from imu_rig.gait.covariance import track_covariance
-from imu_rig.gait.filter_inputs import foot_inputs, foot_model, thinned
-from imu_rig.gait.fitness import check_recording, check_track
+from imu_rig.gait.filter_inputs import WIDE_BIAS, foot_inputs, foot_model, thinned
+from imu_rig.gait.fitness import check_track, inspect_recording
 from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M, floor_steps
@@ -22,12 +22,17 @@ from imu_rig.gait.mounting import find_foot_axes, first_heading
 from imu_rig.gait.options import FootOptions
 from imu_rig.gait.stamps import spread_repeats
 from imu_rig.gait.start import first_attitude
-from imu_rig.gait.stills import find_stills, rough_gyro_bias
+from imu_rig.gait.stills import rough_gyro_bias
 from imu_rig.gait.trajectory import Footfalls, FootTrack, Trajectory
-from imu_rig.gait.unseen import unseen_motion, widened
+from imu_rig.gait.unseen import Unseen, unseen_motion, widened
 from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.kernels.foot_filter import smooth_foot_states
-from imu_rig.kernels.foot_types import FootInputs, FootStates
+from imu_rig.kernels.foot_types import FootInputs, FootModel, FootStates
+from imu_rig.kernels.tracks import turn_about_z
+
+AGAIN = 2
+"""How often the first pass begins anew with the bias that it found taken off: one as large as its
+prior was pulled towards 0, as where nobody stood still before a walk with a raw sensor."""
 
 
 class Detects(Protocol):
@@ -75,11 +80,63 @@ def smooth_foot(
         If there are too few samples, a reading is no number, or the foot never stands.
     """
     grade = SensorGrade() if grade is None else grade
-    notes = check_recording(block, gravity=options.gravity)
-    t, accel = spread_repeats(block.t), np.ascontiguousarray(block.accel, dtype=float)
-    stills = find_stills(t, accel, block.gyro)
+    checked = inspect_recording(block, gravity=options.gravity)
+    t, stills = spread_repeats(block.t), checked.stills
+    accel = np.ascontiguousarray(block.accel, dtype=float)
+    read = np.ascontiguousarray(block.gyro, dtype=float)
+    unseen = unseen_motion(block, checked.holes)
     rough = rough_gyro_bias(stills)
-    gyro = np.ascontiguousarray(block.gyro - rough)
+    found = _first_pass(block, t, accel, rough, unseen, options, grade, detector)
+    for _ in range(AGAIN):
+        left = found.states.gyro_bias[-1]
+        if np.linalg.norm(left) < WIDE_BIAS:
+            break
+        rough = rough + left
+        found = _first_pass(block, t, accel, rough, unseen, options, grade, detector)
+    zero_velocity, footfalls, up, inputs, model, free = found
+
+    bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
+    footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
+    inputs = inputs._replace(gyro=without_bias(read, t, stills, bias.value))
+    if options.level != "never":
+        inputs = _with_floor(inputs, footfalls, free.position, options)
+    states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
+    track = _track(block.t, states, zero_velocity, footfalls, bias)
+    notes = (
+        *checked.notes,
+        *track.notes,
+        *check_track(track, block, gravity=options.gravity, unseen=unseen),
+    )
+    if not covariance:
+        return replace(track, notes=notes)
+    uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)
+    return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
+
+
+class _FirstPass(NamedTuple):
+    """What comes of a pass over readings without a rough bias."""
+
+    zero_velocity: ZeroVelocity
+    footfalls: Footfalls
+    up: FloatArray
+    inputs: FootInputs
+    model: FootModel
+    states: FootStates
+
+
+def _first_pass(
+    block: ImuBlock,
+    t: FloatArray,
+    accel: FloatArray,
+    rough: FloatArray,
+    unseen: Unseen,
+    options: FootOptions,
+    grade: SensorGrade,
+    detector: Detects | str | None,
+) -> _FirstPass:
+    gyro = np.ascontiguousarray(block.gyro, dtype=float)
+    if rough.any():
+        gyro = gyro - rough
     zero_velocity = detect_stance(t, accel, gyro, options.stance, options.gravity)
     first, quietest = first_attitude(t, accel, gyro, zero_velocity.statistic)
     if detector is None:
@@ -93,29 +150,12 @@ def smooth_foot(
             "and end with a second of standing"
         )
     up = accel[quietest] / np.linalg.norm(accel[quietest])
-    unseen = unseen_motion(block)
     inputs = foot_inputs(t, accel, gyro, zero_velocity, first, options, unseen)
     sigma = thinned(t, inputs.velocity_sigma, options.measured_every_s, footfalls.quietest)
     inputs = inputs._replace(velocity_sigma=sigma)
     model = foot_model(options, grade, up)
-
-    free = smooth_foot_states(inputs, model, estimate_gyro_bias=True)
-    bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
-    footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
-    inputs = inputs._replace(gyro=gyro - (bias.value - rough) - bias_wander(t, stills, bias.value))
-    if options.level != "never":
-        inputs = _with_floor(inputs, footfalls, free.position, options)
-    states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
-    track = _track(block.t, states, zero_velocity, footfalls, bias)
-    notes = (
-        *notes,
-        *track.notes,
-        *check_track(track, block, gravity=options.gravity, unseen=unseen),
-    )
-    if not covariance:
-        return replace(track, notes=notes)
-    uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)
-    return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
+    states = smooth_foot_states(inputs, model, estimate_gyro_bias=True)
+    return _FirstPass(zero_velocity, footfalls, up, inputs, model, states)
 
 
 def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
@@ -145,10 +185,11 @@ def _track(
     footfalls: Footfalls,
     bias: GyroBias,
 ) -> FootTrack:
-    whole = Trajectory(t, states.quaternion, states.velocity, states.position)
+    """Return the track of states, which are turned in place; they begin at the origin."""
+    motion = (states.quaternion, states.velocity, states.position)
+    whole = Trajectory(t, *motion)
     axes = find_foot_axes(whole, footfalls)
-    whole = whole.turned(-first_heading(whole, footfalls, axes))
-    whole = whole.moved(-whole.position[0])
+    turn_about_z(*motion, -first_heading(whole, footfalls, axes))
     notes = () if axes.note is None else (axes.note,)
     return FootTrack(
         whole,

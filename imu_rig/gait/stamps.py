@@ -15,9 +15,10 @@ def spread_repeats(t: FloatArray) -> FloatArray:
     that of the first; the longer interval beside them tells which, and is divided among them.
     Stamps that differ are left alone.
     """
-    first, last = runs(np.diff(t) == 0.0)
-    if len(first) == 0:
+    same = np.diff(t) == 0.0
+    if not same.any():
         return t
+    first, last = runs(same)
     spread = t.copy()
     for a, b in zip(first, last + 1, strict=True):  # t[a] = ... = t[b]
         number = b - a + 1

@@ -78,6 +78,11 @@ class Clipping:
     cut: BoolArray
     limit: FloatArray
 
+    @property
+    def any(self) -> bool:
+        """Whether a range was reached."""
+        return bool(np.isfinite(self.limit).any())
+
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
@@ -98,6 +103,24 @@ class Unseen:
     place: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Holes:
+    """Where motion went unseen: missing samples, and readings at the end of their range."""
+
+    gaps: Gaps
+    gyro: Clipping
+    accel: Clipping
+
+
+def find_holes(block: ImuBlock) -> Holes:
+    """Return where samples are missing and readings are cut off."""
+    return Holes(
+        find_gaps(block),
+        find_clipping(block.gyro, CLIP_ABOVE_GYRO),
+        find_clipping(block.accel, CLIP_ABOVE_ACCEL),
+    )
+
+
 def find_gaps(block: ImuBlock) -> Gaps:
     """Return where samples are missing.
 
@@ -105,9 +128,15 @@ def find_gaps(block: ImuBlock) -> Gaps:
     well read the same for a while.
     """
     t = block.t
-    moves = np.einsum("ij,ij->i", block.gyro, block.gyro) > REST_RATE**2
-    rows = np.flatnonzero(~(moves & repeated(_floats(block.accel), _floats(block.gyro))))
-    dt = np.diff(t[rows])
+    rows = np.arange(len(t))
+    again = repeated(_floats(block.accel), _floats(block.gyro))
+    if again.any():
+        moves = np.einsum("ij,ij->i", block.gyro, block.gyro) > REST_RATE**2
+        rows = np.flatnonzero(~(moves & again))
+        t = t[rows]
+    dt = np.diff(t)
+    if dt.max(initial=0.0) <= GAP_S:
+        return Gaps(np.empty(0, np.int64), np.empty(0), np.empty(0, dtype=bool))
     positive = dt[dt > 0.0]
     usual = float(np.median(positive)) if len(positive) else 0.0
     after = np.flatnonzero(dt > max(GAP_S, GAP_RATIO * usual)) + 1
@@ -142,7 +171,7 @@ def find_clipping(values: FloatArray, least: float) -> Clipping:
     return Clipping(cut, limit)
 
 
-def unseen_motion(block: ImuBlock) -> Unseen:
+def unseen_motion(block: ImuBlock, holes: Holes | None = None) -> Unseen:
     """Return by how much attitude and velocity may have changed unseen, sample by sample.
 
     Over a gap of length T, readings are taken to go straight from one end to the other. What they
@@ -156,11 +185,18 @@ def unseen_motion(block: ImuBlock) -> Unseen:
     them. Where neighbouring readings are as good as independent, with the standard deviation s,
     each stands for an unknown mean over its interval, and the integral is off by ``s dt`` every
     sample. The same is true of noise.
+
+    Parameters
+    ----------
+    block : ImuBlock
+    holes : Holes, optional
+        `find_holes` of it, where they are known already.
     """
+    holes = find_holes(block) if holes is None else holes
     place = np.zeros(len(block))
     dt = np.diff(block.t, prepend=block.t[:1])
     turn, velocity = (dt * np.sqrt(scatter(_floats(x))) for x in (block.gyro, block.accel))
-    gaps = find_gaps(block)
+    gaps = holes.gaps
     for row, length, resting in zip(gaps.row, gaps.length, gaps.resting, strict=True):
         if not resting:
             scale = length / np.sqrt(12.0)
@@ -168,8 +204,10 @@ def unseen_motion(block: ImuBlock) -> Unseen:
             force = _difference(block.t, block.accel, row, length)
             velocity[row] += scale * force
             place[row] += length**2 / (2.0 * np.pi) * force
-    turn += _cut_off(block.t, block.gyro, find_clipping(block.gyro, CLIP_ABOVE_GYRO))
-    velocity += _cut_off(block.t, block.accel, find_clipping(block.accel, CLIP_ABOVE_ACCEL))
+    if holes.gyro.any:
+        turn += _cut_off(block.t, block.gyro, holes.gyro)
+    if holes.accel.any:
+        velocity += _cut_off(block.t, block.accel, holes.accel)
     return Unseen(turn, velocity, place)
 
 
