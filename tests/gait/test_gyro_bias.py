@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from imu_rig.gait.bias import fuse_gyro_bias, without_bias
+from imu_rig.gait.filter_inputs import WIDE_BIAS
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.start import first_attitude, level_attitude
 from imu_rig.gait.stills import drift_between, find_stills, rough_gyro_bias
@@ -157,3 +158,16 @@ def test_a_bias_that_changes_between_stills_is_followed():
     steady = -BIAS - without_bias(np.zeros((len(t), 3)), t, find_stills(t, accel, gyro), BIAS)
     assert np.abs(steady).max() < 0.05 * DEG
     np.testing.assert_array_equal(without_bias(gyro, t, stills[:1], BIAS), gyro - BIAS)
+
+
+def test_the_prior_of_the_filter_does_not_pull_large_biases():
+    true = np.array([6.0, -4.0, 9.0]) * DEG
+    of_strides = np.diag(np.square(np.array([0.2, 0.3, 0.9]) * DEG) ** -1.0)
+    both = of_strides + np.eye(3) / WIDE_BIAS**2
+    pulled = np.linalg.solve(both, of_strides @ true)
+    assert pulled[2] < 0.6 * true[2]
+    anything = SensorGrade(gyro_bias=1e4 * DEG, raw_odds=0.0)
+    none = find_stills(*recording(moving=(-1.0, 100.0)))
+    assert len(none) == 0
+    bias = fuse_gyro_bias(np.zeros(3), pulled, np.linalg.inv(both), UP, none, anything)
+    np.testing.assert_allclose(bias.value, true, atol=0.001 * DEG)
