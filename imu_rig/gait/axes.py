@@ -53,10 +53,12 @@ speed; turns leave as much where an axis is wrong that is hardly used in walking
 LIKE_THE_BEST = 1.1
 """Of readings that leave little more than the best one, the one that changes least is given."""
 
-MISFIT, EXPLAINED = 0.3, 0.6
+MISFIT, EXPLAINED = 0.3, 0.45
 """Strides with more than this left [m/s], of which a late clock or a wrong gain explains all but
 this share, are not those of a sensor in order. Sensors in order leave 0.1 to 0.3 in simulated
-walks, gyroscopes 20 ms late or with times 10 % off two to four times as much."""
+walks, gyroscopes 20 ms late or with times 10 % off two to four times as much, of which the cause
+explains all but 0.05 to 0.3. Of fewer strides than `MANY_STRIDES`, each with an error of its own
+where a shoe rings or a rest was none, two numbers explain half by chance."""
 
 LATE_S, GAIN_OFF = (0.015, 0.08), (0.05, 0.25)
 """Below these a sensor may well be off, beyond them what is found is no clock and no gain."""

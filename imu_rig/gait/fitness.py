@@ -14,7 +14,7 @@ import numpy as np
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.axes import (
-    FEWEST_STRIDES,
+    MANY_STRIDES,
     MISFIT,
     AxesAgreement,
     ClockAgreement,
@@ -183,7 +183,7 @@ def _check_agreement(
     lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
     if lazy or not axes.agree:
         raise DataError(_disagreement(axes))
-    if whole and axes.strides >= FEWEST_STRIDES and axes.middle > MISFIT:
+    if whole and axes.strides >= MANY_STRIDES and axes.middle > MISFIT:
         clocks = compare_clocks(strides)
         if not clocks.agree and abs(clocks.late_s) > LATE_REFUSED:
             raise DataError(f"{_apart(clocks)}; correct the times")
