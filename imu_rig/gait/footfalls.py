@@ -61,8 +61,8 @@ def find_footfalls(zero_velocity: ZeroVelocity, t: FloatArray) -> Footfalls:
 
 def merge_unmoved(
     footfalls: Footfalls,
-    position: FloatArray,
-    quaternion: FloatArray,
+    places: FloatArray,
+    attitudes: FloatArray,
     statistic: FloatArray,
 ) -> Footfalls:
     """Return footfalls with those made one between which the foot went nowhere.
@@ -72,18 +72,18 @@ def merge_unmoved(
     Parameters
     ----------
     footfalls : Footfalls
-    position : shape (n, 3)
-        Of the sensor [m], z up.
-    quaternion : shape (n, 4)
-        Its attitude.
+    places : shape (k, 3)
+        Of the sensor at their quietest samples [m], z up.
+    attitudes : shape (k, 4)
+        Quaternions there.
     statistic : shape (n,)
         How much the foot moves; the lesser decides which moment is the quietest.
     """
     if len(footfalls) < 2:
         return footfalls
     rows = footfalls.quietest
-    moved = np.linalg.norm(np.diff(position[rows], axis=0), axis=1)
-    turn = multiply(quaternion[rows[1:]], conjugate(quaternion[rows[:-1]]))
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    turn = multiply(attitudes[1:], conjugate(attitudes[:-1]))
     turned = np.abs(to_rotation_vector(turn)[:, 2])
     stepped = (moved > UNMOVED_M) | (turned > UNTURNED)
     begins = np.flatnonzero(np.concatenate(([True], stepped)))

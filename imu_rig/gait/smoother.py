@@ -13,7 +13,7 @@ from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
 from imu_rig.gait.covariance import track_covariance
-from imu_rig.gait.filter_inputs import WIDE_BIAS, foot_inputs, foot_model, thinned
+from imu_rig.gait.filter_inputs import WIDE_BIAS, coarse_inputs, foot_inputs, foot_model, thinned
 from imu_rig.gait.fitness import check_track, inspect_recording
 from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
 from imu_rig.gait.grade import SensorGrade
@@ -93,13 +93,18 @@ def smooth_foot(
             break
         rough = rough + left
         found = _first_pass(block, t, accel, rough, unseen, options, grade, detector)
-    zero_velocity, footfalls, up, inputs, model, free = found
+    zero_velocity, footfalls, up, inputs, model, free, number = found
 
     bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
-    footfalls = merge_unmoved(footfalls, free.position, free.quaternion, zero_velocity.statistic)
+    rows = footfalls.quietest // number
+    footfalls = merge_unmoved(
+        footfalls, free.position[rows], free.quaternion[rows], zero_velocity.statistic
+    )
     inputs = inputs._replace(gyro=without_bias(read, t, stills, bias.value))
     if options.level != "never":
-        inputs = _with_floor(inputs, footfalls, free.position, options)
+        inputs = _with_floor(
+            inputs, footfalls, free.position[footfalls.quietest // number], options
+        )
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(block.t, states, zero_velocity, footfalls, bias)
     notes = (
@@ -114,7 +119,7 @@ def smooth_foot(
 
 
 class _FirstPass(NamedTuple):
-    """What comes of a pass over readings without a rough bias."""
+    """What comes of a pass over readings without a rough bias, ``number`` of them joined."""
 
     zero_velocity: ZeroVelocity
     footfalls: Footfalls
@@ -122,6 +127,7 @@ class _FirstPass(NamedTuple):
     inputs: FootInputs
     model: FootModel
     states: FootStates
+    number: int
 
 
 def _first_pass(
@@ -154,8 +160,9 @@ def _first_pass(
     sigma = thinned(t, inputs.velocity_sigma, options.measured_every_s, footfalls.quietest)
     inputs = inputs._replace(velocity_sigma=sigma)
     model = foot_model(options, grade, up)
-    states = smooth_foot_states(inputs, model, estimate_gyro_bias=True)
-    return _FirstPass(zero_velocity, footfalls, up, inputs, model, states)
+    coarse, number = coarse_inputs(inputs, t)
+    states = smooth_foot_states(coarse, model, estimate_gyro_bias=True)
+    return _FirstPass(zero_velocity, footfalls, up, inputs, model, states, number)
 
 
 def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
@@ -167,13 +174,13 @@ def _detected(block: ImuBlock, detector: Detects | str) -> ZeroVelocity:
 
 
 def _with_floor(
-    inputs: FootInputs, footfalls: Footfalls, position: FloatArray, options: FootOptions
+    inputs: FootInputs, footfalls: Footfalls, places: FloatArray, options: FootOptions
 ) -> FootInputs:
     rows = footfalls.quietest
     sigma = np.full(len(inputs.dt), np.inf)
     sigma[rows] = options.flat_m
     step = np.zeros(len(inputs.dt))
-    step[rows] = floor_steps(position[rows], options)
+    step[rows] = floor_steps(places, options)
     step[0] = FREE_M
     return inputs._replace(floor_sigma=sigma, floor_step=step)
 

@@ -27,14 +27,16 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.gait.smoother import smooth_foot
 from imu_rig.kernels.foot_filter import smooth_foot_states
 from imu_rig.kernels.foot_types import FootInputs, FootModel
-from simulators.walker.device import Carried
+from simulators.walker.grades import read_as
 from simulators.walker.path import Straight
-from simulators.walker.record import record_walk
 from simulators.walker.scenarios import Scenario
 from simulators.walker.steps import Stand, Walk
-from simulators.walker.walker import Walker
+from simulators.walker.walker import Surroundings, Walker
 
 RATE_HZ = 200.0
+
+STRIDE_S = 0.7
+"""Half a stride and a little more."""
 
 MODEL = FootModel(
     gravity=9.81, gyro_noise=5e-4, gyro_motion=3e-3, accel_noise=2e-2, accel_motion=1.5e-2,
@@ -58,18 +60,22 @@ print(time.perf_counter() - begin, time.process_time())
 def long_walk(minutes: float, metres: float = 20.0) -> ImuBlock:
     """Return a walk of so many minutes: some simulated metres over and over."""
     parts = (Stand(2.0), Walk((Straight(metres),), (1.3,)), Stand(1.0))
-    walker = Walker(Scenario("steady", "Walk at one speed", parts), seed=2)
-    unit = record_walk(walker, [Carried("left-foot", "xsens-mti")])["left-foot"].units[0]
-    t = np.arange(unit.t[0], unit.t[-1], 1.0 / RATE_HZ)
+    scenario = Scenario("steady", "Walk at one speed", parts)
+    walker = Walker(scenario, seed=2, surroundings=Surroundings.ideal())
+    t = np.arange(1, int(walker.end_s * RATE_HZ) + 1) / RATE_HZ
+    read = read_as("middle", walker.sensor("left-foot").means(t, 0.0), 1)
+    turning = np.convolve(np.linalg.norm(read.gyro, axis=1), np.ones(30), "same")
+    rests = []  # the foot lies the same in stances only
+    for about in (4.0, t[-1] - 3.0):
+        rests.append(t[np.argmin(turning + 1e3 * (np.abs(t - about) > STRIDE_S))])
 
-    def many(values: FloatArray) -> FloatArray:
-        fine = np.stack([np.interp(t, unit.t, column) for column in values.T], -1)
-        begin, end = 4.0, t[-1] - 3.0
+    def many(fine: FloatArray) -> FloatArray:
+        begin, end = rests
         steady = fine[(t > begin) & (t <= end)]
         number = max(1, round(minutes * 60.0 / (end - begin)))
         return np.concatenate((fine[t <= begin], *[steady] * number, fine[t > end]))
 
-    accel, gyro = many(unit.accel), many(unit.gyro)
+    accel, gyro = many(read.accel), many(read.gyro)
     times = np.arange(len(accel)) / RATE_HZ
     return ImuBlock(times, accel, gyro, times)
 

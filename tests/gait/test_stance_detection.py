@@ -142,7 +142,8 @@ def test_footfalls_between_which_the_foot_went_nowhere_are_one():
     quaternion[28:] = from_rotation_vector(np.array([0.0, 0.0, 40.0 * DEG]))
     statistic = np.ones(40)
     statistic[12] = 0.5
-    merged = merge_unmoved(falls, position, quaternion, statistic)
+    rows = falls.quietest
+    merged = merge_unmoved(falls, position[rows], quaternion[rows], statistic)
     np.testing.assert_array_equal(merged.first, [0, 20, 30])
     np.testing.assert_array_equal(merged.last, [15, 25, 35])
     np.testing.assert_array_equal(merged.quietest, [12, 21, 33])
