@@ -11,15 +11,11 @@ from imu_rig.gait.options import FootOptions
 from imu_rig.gait.unseen import Unseen
 from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.kernels.foot_types import FootInputs, FootModel
-from imu_rig.kernels.tracks import joined, joined_sigma
 from imu_rig.units import DEG
 
 WIDE_BIAS = 1.0 * DEG
 """Prior of the gyroscope's bias in the first pass [rad/s]: what is left of one found in stills,
 or that of an uncalibrated sensor in a recording without stills."""
-
-COARSE_S = 0.01
-"""Readings within this time [s] are one for the first pass: a bias is as well seen at 100 Hz."""
 
 
 def foot_inputs(
@@ -129,40 +125,3 @@ def thinned(t: FloatArray, sigma: FloatArray, spacing_s: float, kept: IntArray) 
     joined = np.full(len(sigma), np.inf)
     joined[rows[is_best[chosen]]] = 1.0 / np.sqrt(total)
     return joined
-
-
-def coarse_inputs(inputs: FootInputs, t: FloatArray) -> tuple[FootInputs, int]:
-    """Return inputs without a floor with neighbouring samples joined, and how many are one.
-
-    Each reading is the mean of theirs at the mean of their times.
-
-    Parameters
-    ----------
-    inputs : FootInputs
-        Of ``n`` samples.
-    t : shape (n,)
-        Times [s], never decreasing.
-    """
-    number = int(COARSE_S * (len(t) - 1) / max(t[-1] - t[0], COARSE_S) + 1e-3)
-    if number < 2:
-        return inputs, 1
-    times = joined(t[:, np.newaxis], number)[:, 0]
-    nothing, step = np.full(len(times), np.inf), np.zeros(len(times))
-    step[0] = inputs.floor_step[0]
-    turn, velocity = inputs.unseen_turn, inputs.unseen_velocity
-    return (
-        inputs._replace(
-            dt=np.diff(times, prepend=times[0]),
-            gyro=joined(inputs.gyro, number),
-            accel=joined(inputs.accel, number),
-            velocity_sigma=joined_sigma(inputs.velocity_sigma, number, each=True),
-            rest_sigma=nothing,
-            floor_sigma=nothing,
-            floor_step=step,
-            unseen_turn=None if turn is None else joined_sigma(turn, number, each=False),
-            unseen_velocity=None
-            if velocity is None
-            else joined_sigma(velocity, number, each=False),
-        ),
-        number,
-    )

@@ -12,8 +12,9 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
+from imu_rig.gait.coarse import coarse_inputs, joined_number, joined_rows
 from imu_rig.gait.covariance import track_covariance
-from imu_rig.gait.filter_inputs import WIDE_BIAS, coarse_inputs, foot_inputs, foot_model, thinned
+from imu_rig.gait.filter_inputs import WIDE_BIAS, foot_inputs, foot_model, thinned
 from imu_rig.gait.fitness import check_track, inspect_recording
 from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
 from imu_rig.gait.grade import SensorGrade
@@ -96,15 +97,14 @@ def smooth_foot(
     zero_velocity, footfalls, up, inputs, model, free, number = found
 
     bias = fuse_gyro_bias(rough, free.gyro_bias[-1], free.gyro_bias_covariance, up, stills, grade)
-    rows = footfalls.quietest // number
+    rows = joined_rows(footfalls.quietest, t, number)
     footfalls = merge_unmoved(
         footfalls, free.position[rows], free.quaternion[rows], zero_velocity.statistic
     )
     inputs = inputs._replace(gyro=without_bias(read, t, stills, bias.value))
     if options.level != "never":
-        inputs = _with_floor(
-            inputs, footfalls, free.position[footfalls.quietest // number], options
-        )
+        places = free.position[joined_rows(footfalls.quietest, t, number)]
+        inputs = _with_floor(inputs, footfalls, places, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(block.t, states, zero_velocity, footfalls, bias)
     notes = (
@@ -160,7 +160,8 @@ def _first_pass(
     sigma = thinned(t, inputs.velocity_sigma, options.measured_every_s, footfalls.quietest)
     inputs = inputs._replace(velocity_sigma=sigma)
     model = foot_model(options, grade, up)
-    coarse, number = coarse_inputs(inputs, t)
+    number = joined_number(t)
+    coarse = coarse_inputs(inputs, t, number)
     states = smooth_foot_states(coarse, model, estimate_gyro_bias=True)
     return _FirstPass(zero_velocity, footfalls, up, inputs, model, states, number)
 

@@ -84,35 +84,3 @@ def less_interpolated(
             change = at_knots[following, i] - at_knots[last, i]
             out[k, i] = values[k, i] - (at_knots[last, i] + share * change)
     return out
-
-
-@compiled
-def joined(values: FloatArray, number: int) -> FloatArray:
-    """Return means of so many neighbouring rows (n, m) each, shape (ceil(n / number), m)."""
-    n, columns = values.shape
-    means = np.zeros((-(-n // number), columns))
-    for i in range(len(means)):
-        begin, end = i * number, min((i + 1) * number, n)
-        share = 1.0 / (end - begin)
-        for j in range(columns):
-            for k in range(begin, end):
-                means[i, j] += share * values[k, j]
-    return means
-
-
-@compiled
-def joined_sigma(sigma: FloatArray, number: int, each: bool) -> FloatArray:
-    """Return the uncertainty of so many neighbouring samples (n,), shape (ceil(n / number),).
-
-    Of what all of them measure (``each`` is true; infinite where none does), or of the sum of what
-    each adds.
-    """
-    n = len(sigma)
-    out = np.empty(-(-n // number))
-    for i in range(len(out)):
-        total = 0.0
-        for k in range(i * number, min((i + 1) * number, n)):
-            square = sigma[k] * sigma[k]
-            total += 1.0 / square if each else square
-        out[i] = np.sqrt(1.0 / total if each else total)
-    return out

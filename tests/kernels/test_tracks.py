@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imu_rig.kernels.tracks import joined, joined_sigma, less_interpolated, rises, turn_about_z
+from imu_rig.kernels.tracks import less_interpolated, rises, turn_about_z
 from imu_rig.rotation import about_z, normalize, rotate
 
 
@@ -36,17 +36,3 @@ def test_what_changes_evenly_is_that_of_interpolation(rng, knots):
     values, at_knots = rng.normal(size=(52, 3)), rng.normal(size=(len(knots), 3))
     want = values - np.column_stack([np.interp(t, knots, column) for column in at_knots.T])
     assert less_interpolated(values, t, np.array(knots), at_knots) == pytest.approx(want)
-
-
-def test_samples_are_joined_into_their_means(rng):
-    values = rng.normal(size=(11, 3))
-    told = joined(values, 4)
-    want = [values[:4].mean(axis=0), values[4:8].mean(axis=0), values[8:].mean(axis=0)]
-    assert told == pytest.approx(np.array(want))
-
-
-def test_joined_uncertainties_keep_information_and_what_adds_up():
-    sigma = np.array([0.1, np.inf, np.inf, np.inf, 0.3, 0.4, 0.2])
-    told = joined_sigma(sigma, 2, each=True)
-    assert told == pytest.approx([0.1, np.inf, 0.24, 0.2])
-    assert joined_sigma(sigma[4:], 2, each=False) == pytest.approx([0.5, 0.2])
