@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from types import TracebackType
@@ -46,4 +47,15 @@ class Working:
     def _tell(self) -> None:
         begin = time.monotonic()
         while not self._done.wait(self._line.due_s):
-            self._line.show(f"{self._what} ... {time.monotonic() - begin:.0f} s")
+            what = _compiling() or self._what
+            self._line.show(f"{what} ... {time.monotonic() - begin:.0f} s")
+
+
+def _compiling() -> str | None:
+    """Return what is to be said where inner loops are being compiled, None where they are not."""
+    compiled = sys.modules.get("imu_rig.kernels.compiled")  # not loaded for this: it takes long
+    if compiled is None or not compiled.compiling():
+        return None
+    if compiled.kept():
+        return "Compiling, in the first run only"
+    return "Compiling in every run, as no folder for it can be written"

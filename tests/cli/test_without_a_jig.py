@@ -12,6 +12,7 @@ import pytest
 
 from imu_rig.cli import working
 from imu_rig.cli.working import Working
+from imu_rig.kernels import compiled
 from imu_rig.importing.column_map import load_column_map
 from imu_rig.importing.read_table import read_table
 
@@ -119,6 +120,16 @@ def test_a_long_computation_shows_a_sign_of_life_and_a_short_one_does_not(monkey
         sign.now("Solving")
         time.sleep(0.1)
     assert capsys.readouterr().err.startswith("Solving ... 0 s")
+
+
+def test_the_first_run_says_that_it_compiles(monkeypatch, capsys):
+    monkeypatch.setattr(working, "FIRST_S", 0.01)
+    monkeypatch.setattr(compiled._State, "compiling", 1)
+    for unkept, told in ((0, "Compiling, in the first run only"), (1, "Compiling in every run")):
+        monkeypatch.setattr(compiled._State, "unkept", unkept)
+        with Working("Reading"):
+            time.sleep(0.1)
+        assert capsys.readouterr().err.startswith(told)
 
 
 def test_named_faces_without_a_method_are_told_the_one_that_takes_them(inside, tmp_path):
