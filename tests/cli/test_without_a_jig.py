@@ -12,9 +12,9 @@ import pytest
 
 from imu_rig.cli import working
 from imu_rig.cli.working import Working
-from imu_rig.kernels import compiled
 from imu_rig.importing.column_map import load_column_map
 from imu_rig.importing.read_table import read_table
+from imu_rig.kernels import compiled
 
 DEG = np.pi / 180
 STORED = Path(__file__).parents[1] / "data" / "certificate-v1.json"
