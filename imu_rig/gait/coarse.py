@@ -11,10 +11,10 @@ COARSE_S = 0.01
 """Readings within this time [s] are one: biases and uncertainties are as well seen at 100 Hz."""
 
 
-def joined_number(t: FloatArray) -> int:
+def joined_number(t: FloatArray, within_s: float = COARSE_S) -> int:
     """Return how many neighbouring samples at times ``t`` (n,) [s] are one; 1 for slow sensors."""
-    taken = max(t[-1] - t[0], COARSE_S)
-    return max(1, min(int(COARSE_S * (len(t) - 1) / taken + 1e-3), len(t) // 2))
+    taken = max(t[-1] - t[0], within_s)
+    return max(1, min(int(within_s * (len(t) - 1) / taken + 1e-3), len(t) // 2))
 
 
 def joined(values: FloatArray, number: int) -> FloatArray:
@@ -37,6 +37,14 @@ def joined_sum(values: FloatArray, number: int) -> FloatArray:
 def joined_rows(rows: IntArray, t: FloatArray, number: int) -> IntArray:
     """Return which of the joined samples each of the rows at times ``t`` belongs to."""
     return np.minimum(rows // number, len(t) // number - 1)
+
+
+def joined_variance(variance: FloatArray, number: int) -> FloatArray:
+    """Return the variances of what so many neighbours measure together; 0 means no measurement."""
+    information = np.zeros_like(variance)
+    np.divide(1.0, variance, out=information, where=variance > 0.0)
+    total = joined_sum(information, number)
+    return np.divide(1.0, total, out=np.zeros_like(total), where=total > 0.0)
 
 
 def coarse_inputs(inputs: FootInputs, t: FloatArray, number: int) -> FootInputs:

@@ -10,18 +10,16 @@ through the smoother).
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from imu_rig.arrays import FloatArray, IntArray
 from imu_rig.gait.bias import GyroBias
+from imu_rig.gait.coarse import joined, joined_number, joined_rows, joined_sum, joined_variance
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.trajectory import Footfalls, Trajectory, TrajectoryCovariance
 from imu_rig.kernels.foot_covariance import ERRORS, N, smoothed_covariance
 from imu_rig.kernels.foot_types import FootInputs, FootModel, FootStates
-from imu_rig.rotation import to_matrix
-from imu_rig.units import DEG
+from imu_rig.rotation import normalize, to_matrix
 
 LEAST_FACTOR = 0.01
 """Of the variances of noise: a tenth of the noise that the smoother allows for. It allows for feet
@@ -35,26 +33,8 @@ LEAST_PLACE = 0.005
 """So far does a foot come to rest from where it seemed to: floors are not level, soles not flat,
 and what rolls is no rigid body [m]."""
 
-CALIBRATED_BIAS = 0.1 * DEG
-CALIBRATED_FORCE = 0.005
-"""A gyroscope's bias [rad/s], and by which part of gravity an accelerometer errs at rest, of a
-sensor whose gains and axes are within some tenths of a percent."""
-
-MATRIX_POWER = 0.55
-"""Biases of a hundred times that go with gains and axes that are a dozen times worse: from
-industrial units to chips as their data sheets allow them (3 deg/s and 3 percent)."""
-
-REST_S = 0.05
-"""The accelerometer at rest is averaged so far to either side [s]: a tenth of a second is quiet in
-every stance of walking."""
-RESTS = 3
-
 ROW_S = 0.3
 """Longest time between two rows [s]: four rows in a stride of walking, two in that of a sprint."""
-
-LATE_S = 0.001
-"""Filters of gyroscope and accelerometer differ, and so do the times of their readings [s]; of a
-walk, each millisecond takes two to three thousandths."""
 
 BIAS, GYRO, ACCEL, ACCEL_BIAS, LATE = (slice(0, 3), slice(3, 12), slice(12, 21), slice(21, 24), 24)
 """Constant errors, in the order of `TrajectoryCovariance.common`; matrices row by row."""
@@ -81,26 +61,28 @@ def track_covariance(
     bias : GyroBias
         What was taken off the gyroscope.
     grade : SensorGrade
-        How wrong gains, axes and accelerometer biases of such a sensor are.
+        How wrong gains, axes, accelerometer biases and clocks of such a sensor are, after what it
+        showed: see `imu_rig.gait.belief`.
     """
     rows = covariance_rows(trajectory.t, footfalls)
-    force = inputs.accel - states.accel_bias
-    rate = inputs.gyro - states.gyro_bias
-    quaternion = np.ascontiguousarray(trajectory.quaternion)
+    number = joined_number(trajectory.t)
+    seen, place = np.unique(joined_rows(rows, trajectory.t, number), return_inverse=True)
+    force = joined(inputs.accel - states.accel_bias, number)
+    rate = joined(inputs.gyro - states.gyro_bias, number)
+    quaternion = normalize(joined(trajectory.quaternion, number))
+    times = joined(trajectory.t, number)
     factor = variance_factor(states.nis, footfalls)
-    m = len(rows)
+    m = len(seen)
     random, constant = np.empty((m, 9, 9)), np.empty((m, 9, ERRORS))
     between = np.zeros((m, 3, 3))
     falls = np.zeros(m, dtype=np.bool_)
-    at_falls = np.searchsorted(rows, footfalls.quietest)
+    at_falls = place[np.searchsorted(rows, footfalls.quietest)]
     falls[at_falls] = True
-    level_row = int(footfalls.quietest[0]) if len(footfalls) else 0
-    misfit = force_misfit(trajectory.t, inputs, footfalls, model.gravity)
-    grade = believed_grade(grade, bias, misfit, model.gravity)
+    level_row = int(seen[at_falls[0]]) if len(footfalls) else 0
     errors = np.concatenate(
         (
             _root(bias.covariance).ravel(),
-            [grade.gyro_matrix, grade.accel_matrix, grade.accel_bias, LATE_S],
+            [grade.gyro_matrix, grade.accel_matrix, grade.accel_bias, grade.late_s],
         )
     )
     begin = _begin(inputs, model, grade, quaternion[level_row], force[level_row])
@@ -108,20 +90,20 @@ def track_covariance(
     begin[:, :N] /= factor
     process = (model.gyro_noise, model.gyro_motion, model.accel_noise, model.accel_motion)
     smoothed_covariance(
-        np.column_stack((inputs.dt, rate, force)),
+        np.column_stack((np.diff(times, prepend=times[0]), rate, force)),
         quaternion,
-        _measured(inputs, model, states),
-        _unseen(inputs) / factor,
+        joined_variance(_measured(inputs, model, states), number),
+        joined_sum(_unseen(inputs), number) / factor,
         np.array([*process, model.accel_bias_walk, model.gravity, *states.pivot]),
         errors,
         begin,
-        rows,
+        seen,
         falls,
         random,
         constant,
         between,
     )
-    values = factor * random + constant @ constant.transpose(0, 2, 1)
+    values = (factor * random + constant @ constant.transpose(0, 2, 1))[place]
     least = np.zeros(9)
     least[3:6], least[6:9] = LEAST_VELOCITY**2, LEAST_PLACE**2
     values += np.diag(least)
@@ -130,61 +112,6 @@ def track_covariance(
     strides = factor * between[at_falls[:-1]] + common.transpose(0, 2, 1) @ common
     strides += 2.0 * LEAST_PLACE**2 * np.eye(3)
     return TrajectoryCovariance(rows, _even(values), _even(strides), common)
-
-
-def believed_grade(
-    grade: SensorGrade, bias: GyroBias, misfit: float, gravity: float
-) -> SensorGrade:
-    """Return what to think of a sensor that showed itself worse than was thought of it.
-
-    Of gains and axes a recording says little, and of an accelerometer's bias only what points up;
-    but a sensor that is badly off in what does show is so in what does not. One that was
-    calibrated is what its certificate says.
-
-    Parameters
-    ----------
-    grade : SensorGrade
-        Before the recording.
-    bias : GyroBias
-    misfit : float
-        By which part of gravity the accelerometer errs at rest, as `force_misfit` finds it. It may
-        be gain, bias, or both.
-    gravity : float
-        [m/s^2]
-    """
-    if grade.raw_odds == 0.0:
-        return grade
-    turning = float(np.sqrt(np.mean(np.square(bias.value))))
-    shown = max(turning / CALIBRATED_BIAS, misfit / CALIBRATED_FORCE)
-    worse = max(1.0, shown**MATRIX_POWER)
-    matrix, offset = worse * grade.accel_matrix, worse * grade.accel_bias
-    more = max(0.0, misfit**2 - matrix**2 - (offset / gravity) ** 2) ** 0.5
-    return replace(
-        grade,
-        gyro_matrix=worse * grade.gyro_matrix,
-        accel_matrix=float(np.hypot(matrix, more)),
-        accel_bias=float(np.hypot(offset, more * gravity)),
-    )
-
-
-def force_misfit(t: FloatArray, inputs: FootInputs, footfalls: Footfalls, gravity: float) -> float:
-    """Return by which part of gravity the accelerometer errs where the foot rests.
-
-    The middle of those `RESTS` footfalls around which it turns the least.
-    """
-    rows = footfalls.quietest
-    if len(rows) == 0:
-        return 0.0
-    begin = np.searchsorted(t, t[rows] - REST_S)
-    end = np.searchsorted(t, t[rows] + REST_S, side="right")
-
-    def around(values: FloatArray) -> FloatArray:
-        total = np.concatenate((np.zeros((1, 3)), np.cumsum(values, axis=0)))
-        return np.asarray((total[end] - total[begin]) / (end - begin)[:, np.newaxis])
-
-    turning = np.sqrt(around(np.square(inputs.gyro)).sum(axis=1))
-    read = np.linalg.norm(around(inputs.accel), axis=1) / gravity
-    return float(abs(np.median(read[np.argsort(turning)[:RESTS]]) - 1.0))
 
 
 def covariance_rows(t: FloatArray, footfalls: Footfalls) -> IntArray:
