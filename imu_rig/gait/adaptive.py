@@ -59,8 +59,10 @@ def stride_threshold(quietest: FloatArray, level: FloatArray, options: StanceOpt
     """Return below what motion a foot stands, for each sample.
 
     The geometric middle between the quietest moment of the stride and the level of its motion,
-    within bounds. In a sprint even the quietest moment exceeds them; it counts all the same, as
-    long as it is a good deal quieter than the rest of the stride.
+    within bounds. Who stands is quieter than any stance between strides: beside a stand the share
+    `quiet_share` of the level takes the place of the quietest moment. In a sprint even that exceeds
+    the bounds; it counts all the same, as long as it is a good deal quieter than the rest of the
+    stride.
 
     Parameters
     ----------
@@ -73,7 +75,8 @@ def stride_threshold(quietest: FloatArray, level: FloatArray, options: StanceOpt
     shape (n,)
         [m/s]
     """
-    middle = np.clip(np.sqrt(quietest * level), options.lowest, options.highest)
+    in_stride = np.maximum(quietest, options.quiet_share * level)
+    middle = np.clip(np.sqrt(in_stride * level), options.lowest, options.highest)
     sprint = np.minimum(options.sprint_ratio * quietest, options.sprint_share * level)
     return np.asarray(np.maximum(middle, np.minimum(sprint, options.sprint_highest)))
 
