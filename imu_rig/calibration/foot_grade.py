@@ -20,6 +20,9 @@ GYRO_BIAS_LATER = 0.02 * DEG
 """By which a gyroscope's bias differs when it is switched on again [rad/s]."""
 ACCEL_BIAS_LATER = 0.03
 """By which an accelerometer's differs on another day [m/s^2]: 3 mg."""
+LATE_S = 0.001
+"""By which filters of gyroscope and accelerometer differ in sensors whose settings are known [s];
+certificates do not tell."""
 ODDS_OF_ANOTHER_BIAS = 0.05
 """How often it is not that small: it was colder, or the sensor had just been switched on."""
 
@@ -45,6 +48,7 @@ def grade_of(certificate: Certificate | None) -> SensorGrade:
         accel_bias=math.hypot(float(accel.b_uncertainty.max()), ACCEL_BIAS_LATER)
         if certificate.has_accel
         else usual.accel_bias,
+        late_s=LATE_S,
         gyro_noise=None if noise is None else _above(noise.gyro, options.gyro_noise),
         accel_noise=None if noise is None else _above(noise.accel, options.accel_noise),
     )

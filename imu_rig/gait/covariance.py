@@ -21,9 +21,9 @@ from imu_rig.kernels.foot_covariance import ERRORS, N, smoothed_covariance
 from imu_rig.kernels.foot_types import FootInputs, FootModel, FootStates
 from imu_rig.rotation import normalize, to_matrix
 
-LEAST_FACTOR = 0.01
-"""Of the variances of noise: a tenth of the noise that the smoother allows for. It allows for feet
-that slip and sensors that lag; where innovations show neither, that much may still be."""
+LEAST_FACTOR = 0.001
+"""Of the variances of noise: a thirtieth of the noise that the smoother allows for. It allows for
+feet that slip and sensors that lag; where innovations show neither, that much may still be."""
 
 LEAST_VELOCITY = 0.005
 """A foot that stands moves inside of its shoe, and a shoe is not rigid: what the zero-velocity

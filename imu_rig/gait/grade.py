@@ -26,6 +26,10 @@ class SensorGrade:
         Of each element of gain and alignment [1].
     accel_bias : float
         [m/s^2]
+    late_s : float
+        By which the gyroscope comes late or early against the accelerometer [s]. Their filters, and
+        the moments at which they are read, differ by a part of a sample period; of a walk, each
+        millisecond takes two to three thousandths.
     gyro_noise, accel_noise : float or None
         Noise densities [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]; None: those of the options.
     """
@@ -33,8 +37,9 @@ class SensorGrade:
     gyro_bias: float = 0.02 * DEG
     gyro_bias_raw: float = 0.5 * DEG
     raw_odds: float = 0.2
-    gyro_matrix: float = 0.003
+    gyro_matrix: float = 0.005
     accel_matrix: float = 0.003
     accel_bias: float = 0.03
+    late_s: float = 0.003
     gyro_noise: float | None = None
     accel_noise: float | None = None

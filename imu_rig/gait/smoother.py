@@ -11,6 +11,7 @@ from imu_rig.arrays import FloatArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
+from imu_rig.gait.belief import ANOTHER, believed_grade, contradicts, force_misfit
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
 from imu_rig.gait.coarse import coarse_inputs, joined_number, joined_rows
 from imu_rig.gait.covariance import track_covariance
@@ -107,14 +108,19 @@ def smooth_foot(
         inputs = _with_floor(inputs, footfalls, places, options)
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(block.t, states, zero_velocity, footfalls, bias)
+    misfit = force_misfit(t, inputs, footfalls, options.gravity)
     notes = (
+        *((ANOTHER,) if contradicts(grade, misfit, options.gravity) else ()),
         *checked.notes,
         *track.notes,
         *check_track(track, block, gravity=options.gravity, unseen=unseen),
     )
     if not covariance:
         return replace(track, notes=notes)
-    uncertainty = track_covariance(track.trajectory, states, inputs, model, footfalls, bias, grade)
+    believed = believed_grade(grade, bias, misfit, options.gravity)
+    uncertainty = track_covariance(
+        track.trajectory, states, inputs, model, footfalls, bias, believed
+    )
     return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
 
 

@@ -114,6 +114,7 @@ def known(name: str) -> SensorGrade:
         gyro_matrix=grade.matrix,
         accel_matrix=grade.matrix,
         accel_bias=grade.accel_bias_mg * MILLI_G,
+        late_s=0.0,
     )
 
 
