@@ -58,20 +58,25 @@ def check_form(block: ImuBlock) -> tuple[str, ...]:
             )
     if n < 3:
         raise DataError(f"the recording has only {n} samples; record at least one whole stride")
-    _require_numbers(block)
+    accel = np.ascontiguousarray(block.accel, dtype=float)
+    gyro = np.ascontiguousarray(block.gyro, dtype=float)
+    of_accel, of_gyro = extent(accel), extent(gyro)
+    _require_numbers(block, of_gyro, of_accel)
     notes = _check_times(np.asarray(block.t, dtype=float))
-    _require_live_channels(block)
+    _require_live_channels(block, of_gyro, of_accel)
     return notes
 
 
-def _require_numbers(block: ImuBlock) -> None:
+def _require_numbers(block: ImuBlock, of_gyro: FloatArray, of_accel: FloatArray) -> None:
     if not np.isfinite(block.t).all():
         raise DataError("some times of the recording are no numbers; leave these samples out")
-    for name, word in (("gyro", "gyroscope"), ("accel", "accelerometer")):
-        values = np.ascontiguousarray(getattr(block, name), dtype=float)
-        if np.isfinite(extent(values)).all():
+    for told, values, word in (
+        (of_gyro, block.gyro, "gyroscope"),
+        (of_accel, block.accel, "accelerometer"),
+    ):
+        if np.isfinite(told).all():
             continue
-        bad = ~np.isfinite(values)
+        bad = ~np.isfinite(np.asarray(values, dtype=float))
         if bad.all():
             raise DataError(f"the recording has no {word}; a foot needs both")
         if bad.all(axis=0).any():
@@ -129,13 +134,10 @@ def _check_times(t: FloatArray) -> tuple[str, ...]:
 _SECONDS = "are they in seconds? State the unit of time (--time-unit)"
 
 
-def _require_live_channels(block: ImuBlock) -> None:
-    accel = np.ascontiguousarray(block.accel, dtype=float)
-    gyro = np.ascontiguousarray(block.gyro, dtype=float)
-    of_accel, of_gyro = extent(accel), extent(gyro)
+def _require_live_channels(block: ImuBlock, of_gyro: FloatArray, of_accel: FloatArray) -> None:
     for values, told, most, word, unit in (
-        (accel, of_accel, MOST_ACCEL, "accelerometer", "m/s2"),
-        (gyro, of_gyro, MOST_GYRO, "gyroscope", "rad/s"),
+        (block.accel, of_accel, MOST_ACCEL, "accelerometer", "m/s2"),
+        (block.gyro, of_gyro, MOST_GYRO, "gyroscope", "rad/s"),
     ):
         if np.abs(told[:2]).max() <= most:
             continue
