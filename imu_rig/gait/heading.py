@@ -92,9 +92,8 @@ def follow_corridors(track: FootTrack) -> Corridors:
     correction = np.interp(t, np.concatenate(([t[0]], middle)), at)
     spread = np.interp(t, np.concatenate(([t[0]], middle)), sigma)
     turned = turned_by(track, correction)
-    if track.covariance is not None:
-        known = _narrowed(track.covariance, correction, spread)
-        turned = replace(turned, covariance=known)
+    if turned.covariance is not None:
+        turned = replace(turned, covariance=_narrowed(turned.covariance, spread))
     note = (
         f"heading follows {len(ways)} corridor{'s' if len(ways) > 1 else ''}: it was turned by up "
         f"to {np.abs(correction).max() / DEG:.1f} deg"
@@ -192,46 +191,64 @@ def _correct(
     return np.concatenate(([0.0], x[:k])), np.concatenate(([0.0], sigma))
 
 
-def turned_by(track: FootTrack, angle: FloatArray) -> FootTrack:
+def turned_by(track: FootTrack, angle: FloatArray, scale: float = 1.0) -> FootTrack:
     """Return a track with each moment turned by its own angle (n,) [rad] about the vertical.
 
-    Its way is integrated anew from its first place; its covariance is that of before.
+    Its way is integrated anew from its first place, on the plan ``scale`` times as long. The
+    covariance turns with it, and is as large as before.
     """
     trajectory = track.trajectory
     R = about_z(angle)
     half = 0.5 * angle
     turn = np.zeros((len(angle), 4))
     turn[:, 0], turn[:, 3] = np.cos(half), np.sin(half)
-    way = np.diff(trajectory.position, axis=0)
+    longer = np.array([scale, scale, 1.0])
+    way = np.diff(trajectory.position, axis=0) * longer
     between = about_z(0.5 * (angle[1:] + angle[:-1]))
     moved = np.cumsum(np.einsum("nij,nj->ni", between, way), axis=0)
     position = trajectory.position[0] + np.concatenate((np.zeros((1, 3)), moved))
     turned = Trajectory(
         trajectory.t,
         multiply(turn, trajectory.quaternion),
-        np.einsum("nij,nj->ni", R, trajectory.velocity),
+        np.einsum("nij,nj->ni", R, trajectory.velocity * longer),
         position,
     )
-    return replace(track, trajectory=turned)
+    known = track.covariance
+    if known is not None:
+        known = _turned(known, angle, track.footfalls.quietest)
+    return replace(track, trajectory=turned, covariance=known)
 
 
-def _narrowed(
-    covariance: TrajectoryCovariance, correction: FloatArray, sigma: FloatArray
+def _turned(
+    known: TrajectoryCovariance, angle: FloatArray, footfalls: IntArray
 ) -> TrajectoryCovariance:
-    """Return the covariance, turned, with yaw known to ``sigma`` (n,) at each moment by itself.
+    # Places are where the way until then led: they turn by what it was turned on average.
+    along = np.cumsum(angle) / np.arange(1, len(angle) + 1)
+    whole = np.zeros((len(known.rows), 9, 9))
+    whole[:, 0:3, 0:3] = whole[:, 3:6, 3:6] = about_z(angle[known.rows])
+    whole[:, 6:9, 6:9] = about_z(along[known.rows])
+    S = about_z(0.5 * (angle[footfalls[1:]] + angle[footfalls[:-1]]))
+    common = known.common
+    if common is not None:
+        common = np.einsum("iab,ipb->ipa", S, common)
+    values = _even(whole @ known.values @ np.swapaxes(whole, 1, 2))
+    strides = _even(S @ known.strides @ np.swapaxes(S, 1, 2))
+    return replace(known, values=values, strides=strides, common=common)
+
+
+def _narrowed(known: TrajectoryCovariance, sigma: FloatArray) -> TrajectoryCovariance:
+    """Return the covariance with yaw known to ``sigma`` (n,) at each moment by itself.
 
     What the corridors say of earlier headings, and so of the way that was gone, is left out: the
     positions are rather more certain than this.
     """
-    rows = covariance.rows
-    values = covariance.values.copy()
-    known = np.maximum(sigma[rows], 1e-9) ** 2
-    gain = values[:, :, 2] / (values[:, 2, 2] + known)[:, np.newaxis]
+    values = known.values.copy()
+    yaw = np.maximum(sigma[known.rows], 1e-9) ** 2
+    gain = values[:, :, 2] / (values[:, 2, 2] + yaw)[:, np.newaxis]
     values -= gain[:, :, np.newaxis] * values[:, np.newaxis, 2, :]
-    R = about_z(correction[rows])
-    whole = np.zeros((len(rows), 9, 9))
-    for part in (slice(0, 3), slice(3, 6), slice(6, 9)):
-        whole[:, part, part] = R
-    values = whole @ values @ np.swapaxes(whole, 1, 2)
-    values = 0.5 * (values + np.swapaxes(values, 1, 2))
-    return replace(covariance, values=values)
+    return replace(known, values=_even(values))
+
+
+def _even(covariance: FloatArray) -> FloatArray:
+    """Return covariances (..., p, p) without what rounding made uneven."""
+    return np.asarray(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
