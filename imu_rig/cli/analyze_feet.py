@@ -63,11 +63,16 @@ def analyse_recording(file: Path, wanted: Wanted, working: Working) -> FootRepor
         raise InputError(
             f"{file} has {len(recordings)} feet, and a reference is of one: name it with --sensor."
         )
-    feet, shared = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
+    if wanted.beside.file is None and all(r.reference is None for r in recordings):
+        wanted.beside.require_reference()
+    found = analyse_feet(recordings, wanted.way, wanted.beside, wanted.bounds, working)
     facts = [("Method", wanted.way.words), ("Level floor", wanted.way.level)]
     facts += [(f"Calibration of {r.sensor}", r.calibration) for r in recordings]
     facts.append(("Gravity", gravity_words(wanted.gravity)))
-    return FootReport(file.name, recordings[0].sha256, tuple(feet), shared, tuple(facts))
+    return FootReport(
+        file.name, recordings[0].sha256, tuple(found.feet), found.shared, tuple(facts),
+        tuple(found.left_out),
+    )  # fmt: skip
 
 
 def gravity_words(gravity: Gravity) -> str:
@@ -76,42 +81,61 @@ def gravity_words(gravity: Gravity) -> str:
     return f"{gravity.value:.5f} m/s², {source}"
 
 
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """The feet of one recording.
+
+    Attributes
+    ----------
+    feet : list of FootAnalysis
+    shared : bool
+        Whether they are in one frame.
+    left_out : list of (str, str)
+        Sensors that could not be followed, and why.
+    """
+
+    feet: list[FootAnalysis]
+    shared: bool
+    left_out: list[tuple[str, str]]
+
+
 def analyse_feet(
     recordings: Sequence[WalkRecording],
     way: Way,
     beside: ReferenceOptions,
     bounds: Bounds,
     working: Working,
-) -> tuple[list[FootAnalysis], bool]:
+) -> Feet:
     """Find tracks and strides of the feet of one recording.
-
-    Returns
-    -------
-    feet : list of FootAnalysis
-    shared : bool
-        Whether they are in one frame.
 
     Raises
     ------
     DataError
-        If a recording cannot be one of a foot that walks, or a reference not of it.
+        If none of them can be one of a foot that walks, or a reference not of it.
     """
+    from imu_rig.cli.analyze_show import sentences
+
     feet: list[tuple[WalkRecording, Found]] = []
+    failed: list[tuple[WalkRecording, DataError]] = []
     for recording in recordings:
         working.now(f"Following {recording.sensor}")
         try:
             found = find_track(recording.block, way, recording.certificate)
             feet.append((recording, _straightened(found) if bounds.straight else found))
         except DataError as error:
-            raise DataError(_named(recording, error, several=len(recordings) > 1)) from error
-    shared = bounds.together and _are_a_pair(recordings)
+            failed.append((recording, error))
+    if not feet:
+        first, why = failed[0]
+        raise DataError(_named(first, why, several=len(recordings) > 1)) from why
+    shared = bounds.together and _are_a_pair([recording for recording, _ in feet])
     if shared:
         working.now("Holding both feet together")
         feet, shared = _together(feet)
     try:
-        return [_described(recording, found, beside) for recording, found in feet], shared
+        described = [_described(recording, found, beside) for recording, found in feet]
     except DataError as error:
         raise DataError(_named(recordings[0], error, several=False)) from error
+    return Feet(described, shared, [(r.sensor, sentences(str(e))[0]) for r, e in failed])
 
 
 def _are_a_pair(recordings: Sequence[WalkRecording]) -> bool:
@@ -127,7 +151,7 @@ def _side(name: str) -> str:
 def _together(
     feet: Sequence[tuple[WalkRecording, Found]],
 ) -> tuple[list[tuple[WalkRecording, Found]], bool]:
-    """Bring a left and a right foot into one frame, and say whether that was possible."""
+    """Bring a left and a right foot into one frame, and say whether they hold together there."""
     from imu_rig.gait.both_feet import join_feet
 
     tracks = {_side(recording.sensor.lower()): found.track for recording, found in feet}
@@ -142,10 +166,12 @@ def _together(
             _noted(replace(found, track=joined[_side(recording.sensor.lower())]), both.note),
         )
         for recording, found in feet
-    ], True
+    ], both.held
 
 
 def _noted(found: Found, note: str) -> Found:
+    if not note:
+        return found
     return replace(found, track=replace(found.track, notes=(*found.track.notes, note)))
 
 
@@ -173,13 +199,15 @@ def _described(recording: WalkRecording, found: Found, beside: ReferenceOptions)
         except DataError as error:
             notes.append(f"The recording's own reference was not used: {error}")
     prints = beside.read_footprints()
+    trodden = None if prints is None else beside_footprints(strides, prints)
+    notes += [doubt for other in (measured, trodden) if other is not None for doubt in other.doubts]
     return FootAnalysis(
         recording.sensor,
         found.block,
         found.track,
         strides,
         measured,
-        None if prints is None else beside_footprints(strides, prints),
+        trodden,
         sentences(*notes),
         found.steps,
     )

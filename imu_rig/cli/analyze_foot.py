@@ -23,7 +23,10 @@ from imu_rig.cli.analyze_options import (
     ReferenceColumns,
     ReferenceFile,
     ReferenceRate,
+    ReferenceTimeUnit,
     ReferenceUnit,
+    ReferenceYUp,
+    ReferenceZDown,
     Sensors,
 )
 from imu_rig.cli.options import (
@@ -48,6 +51,7 @@ from imu_rig.cli.options import (
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
+    from imu_rig.cli.analyze_feet import Wanted
     from imu_rig.report.foot_facts import FootReport
 
 REPORT_NAME = "report.html"
@@ -93,6 +97,9 @@ def foot(
     reference_columns: ReferenceColumns = None,
     reference_unit: ReferenceUnit = None,
     reference_rate: ReferenceRate = None,
+    reference_time_unit: ReferenceTimeUnit = None,
+    reference_z_down: ReferenceZDown = False,
+    reference_y_up: ReferenceYUp = False,
     search_offset: ClockSearch = 0.0,
     mirrored: Mirrored = False,
     fit_lever: FitLever = False,
@@ -122,14 +129,11 @@ def foot(
     as_json: Json = False,
 ) -> None:
     """Find where a foot went: trajectory, strides, and how far they can be trusted."""
-    from imu_rig.cli.analyze_feet import Bounds, Wanted, analyse_recording
-    from imu_rig.cli.analyze_files import json_text
+    from imu_rig.cli.analyze_feet import Bounds, Wanted
     from imu_rig.cli.analyze_methods import Way
     from imu_rig.cli.analyze_reference import ReferenceOptions
-    from imu_rig.cli.analyze_show import foot_summary, reference_tables, show_foot, show_tables
     from imu_rig.cli.analyze_source import Calibrating
     from imu_rig.cli.recordings import TableOptions
-    from imu_rig.cli.working import Working
 
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
@@ -143,35 +147,90 @@ def foot(
         raise InputError("Give either --output or --no-files, not both.")
     beside = ReferenceOptions(
         reference, marker, search_offset, mirrored, fit_lever, footprints, reference_columns,
-        reference_unit, reference_rate,
+        reference_unit, reference_rate, reference_time_unit, reference_z_down, reference_y_up,
     )  # fmt: skip
     beside.check(len(files))
     wanted = Wanted(
         table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight, not separate)
     )
-    answers: list[dict[str, Any]] = []
-    reports: list[FootReport] = []
+    done = _Done(as_json=as_json)
     for file in files:
-        with Working(f"Reading {file.name}") as working:
-            report = analyse_recording(file, wanted, working)
-            written: dict[str, Any] = {}
-            if not no_files:
-                working.now(f"Drawing {file.name}")
-                folder = _folder(output, file, several=len(files) > 1, report=report)
-                written = _write(folder, report)
-        answer = foot_summary(report, written)
-        answers.append(answer)
-        reports.append(report)
-        if not as_json:
+        try:
+            _analyse(file, wanted, done, output, several=len(files) > 1, writes=not no_files)
+        except InputError as error:
+            if len(files) == 1:
+                raise
+            done.failed(file, error)
+    done.finish()
+
+
+class _Done:
+    """What was found of each recording, told as soon as that is known."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+        self._answers: list[dict[str, Any]] = []
+        self._reports: list[FootReport] = []
+        self._errors: dict[str, InputError] = {}
+
+    def found(self, report: FootReport, written: dict[str, Any]) -> None:
+        """Take what was found of a recording."""
+        from imu_rig.cli.analyze_show import foot_summary, show_foot
+
+        self._answers.append(foot_summary(report, written))
+        self._reports.append(report)
+        if not self._as_json:
             show_foot(report, written)
-    tables = reference_tables(reports) if len(reports) > 1 else []
-    if not as_json:
-        show_tables(tables)
-        return
-    answer = answers[0] if len(answers) == 1 else {"recordings": answers}
-    if tables:
-        answer["tables"] = [table.to_dict() for table in tables]
-    sys.stdout.write(json_text(answer) + "\n")
+
+    def failed(self, file: Path, error: InputError) -> None:
+        """Take that a recording could not be analysed; the others go on."""
+        from imu_rig.cli.terminal import fitted
+        from imu_rig.foreign_text import printable
+
+        self._errors[str(file)] = error
+        sys.stderr.write(fitted(f"imu-rig: {printable(str(error))}") + "\n\n")
+        sys.stderr.flush()
+
+    def finish(self) -> None:
+        """Tell what all recordings have in common, and end with a code that says whether all went.
+
+        Raises
+        ------
+        typer.Exit
+            If a recording, or a foot in one, could not be analysed.
+        """
+        from imu_rig.cli.analyze_files import json_text
+        from imu_rig.cli.analyze_show import reference_tables, show_tables
+
+        tables = reference_tables(self._reports) if len(self._reports) > 1 else []
+        if not self._as_json:
+            show_tables(tables)
+        else:
+            single = len(self._answers) == 1 and not self._errors
+            answer: dict[str, Any] = self._answers[0] if single else {"recordings": self._answers}
+            if self._errors:
+                answer["errors"] = {file: str(error) for file, error in self._errors.items()}
+            if tables:
+                answer["tables"] = [table.to_dict() for table in tables]
+            sys.stdout.write(json_text(answer) + "\n")
+        if self._errors or any(report.left_out for report in self._reports):
+            raise typer.Exit(InputError.exit_code)
+
+
+def _analyse(
+    file: Path, wanted: Wanted, done: _Done, output: Path | None, *, several: bool, writes: bool
+) -> None:
+    from imu_rig.cli.analyze_feet import analyse_recording
+    from imu_rig.cli.working import Working
+
+    with Working(f"Reading {file.name}") as working:
+        report = analyse_recording(file, wanted, working)
+        written: dict[str, Any] = {}
+        if writes:
+            working.now(f"Drawing {file.name}")
+            folder = _folder(output, file, several=several, report=report)
+            written = _write(folder, report)
+    done.found(report, written)
 
 
 def _folder(output: Path | None, file: Path, *, several: bool, report: FootReport) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from imu_rig.errors import InputError
+from imu_rig.errors import DataError, InputError
 
 if TYPE_CHECKING:
     from imu_rig.blocks import ImuBlock
@@ -18,6 +18,9 @@ METHODS = ("default", "paper")
 LEVELS = ("auto", "always", "never")
 ADAPTIVE = "adaptive"
 PAPERS_DETECTOR = "paper"
+LONGEST_S = 6.0
+"""No foot is off the ground for longer in a stride [s]; the slowest walkers take 3 s for all of it,
+and over 6 s even a good sensor's place is lost by metres."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,21 @@ def find_track(block: ImuBlock, way: Way, certificate: Certificate | None = None
     DataError
         If the recording cannot be one of a foot that walks.
     """
+    name = way.detector or (PAPERS_DETECTOR if way.method == "paper" else ADAPTIVE)
+    if name == ADAPTIVE:
+        return _followed(block, way, certificate)
+    try:
+        found = _followed(block, way, certificate)
+    except DataError as error:
+        raise DataError(
+            f"{str(error).rstrip('.')}; or detector {name}, whose threshold is fixed, finds other "
+            f"stances than this foot's: try --detector {ADAPTIVE}"
+        ) from error
+    _require_stances(found.track, name)
+    return found
+
+
+def _followed(block: ImuBlock, way: Way, certificate: Certificate | None) -> Found:
     from imu_rig.calibration.foot_grade import grade_of
     from imu_rig.gait.smoother import smooth_foot
 
@@ -110,6 +128,27 @@ def find_track(block: ImuBlock, way: Way, certificate: Certificate | None = None
         detector=None if own else way.detector,
     )
     return Found(track, block)
+
+
+def _require_stances(track: FootTrack, name: str) -> None:
+    """Refuse a track that nothing held for longer than any stride lasts."""
+    import numpy as np
+
+    t = track.trajectory.t
+    stands = t[track.zero_velocity.still]
+    longest = np.diff(stands)
+    worst = int(np.argmax(longest)) if len(longest) else 0
+    if len(longest) and longest[worst] <= LONGEST_S:
+        return
+    told = (
+        f"for {longest[worst]:.1f} s from {stands[worst] - t[0]:.1f} s on"
+        if len(longest)
+        else "at all"
+    )
+    raise DataError(
+        f"detector {name} finds no stance {told}, as its threshold is fixed: nobody could tell "
+        f"where the foot went; take --detector {ADAPTIVE}"
+    )
 
 
 def without_bias(block: ImuBlock) -> tuple[ImuBlock, tuple[float, float, float]]:

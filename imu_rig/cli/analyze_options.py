@@ -68,6 +68,15 @@ ReferenceRate = Annotated[
     float | None,
     typer.Option("--reference-rate", help="Its samples per second, where it has no times."),
 ]
+ReferenceTimeUnit = Annotated[
+    str | None, typer.Option("--reference-time-unit", help="Unit of its times, as s or ms.")
+]
+ReferenceZDown = Annotated[
+    bool, typer.Option("--reference-z-down", help="Its z axis points down, its y to the right.")
+]
+ReferenceYUp = Annotated[
+    bool, typer.Option("--reference-y-up", help="Its y axis points up, as in computer graphics.")
+]
 ClockSearch = Annotated[
     float,
     typer.Option(

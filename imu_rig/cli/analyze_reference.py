@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import contextlib
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imu_rig.errors import InputError
 
 if TYPE_CHECKING:
+    from imu_rig.arrays import FloatArray
     from imu_rig.gait.strides import Strides
     from imu_rig.gait.trajectory import FootTrack
     from imu_rig.reference.footprints import Footprints, StrideComparison
@@ -29,6 +31,9 @@ class ReferenceOptions:
     columns: str | None = None
     unit: str | None = None
     rate_hz: float | None = None
+    time_unit: str | None = None
+    z_down: bool = False
+    y_up: bool = False
 
     def check(self, files: int) -> None:
         """Refuse what contradicts itself before anything is read."""
@@ -36,31 +41,61 @@ class ReferenceOptions:
             raise InputError(
                 "--reference and --footprints are of one recording: analyse them one by one."
             )
-        about = {
-            "--marker": self.marker,
-            "--reference-columns": self.columns,
-            "--reference-unit": self.unit,
-            "--reference-rate": self.rate_hz,
-        }
         if self.file is None:
-            for option, value in about.items():
+            for option, value in self._of_a_table.items():
                 if value is not None:
                     raise InputError(f"{option} needs --reference beside it.")
         if self.columns is not None and self.columns.count(",") != 2:
             raise InputError("--reference-columns names three columns, as X,Y,Z.")
 
+    @property
+    def _of_a_table(self) -> dict[str, object]:
+        """Options about a file that does not state everything; None where not given."""
+        return {
+            "--marker": self.marker,
+            "--reference-columns": self.columns,
+            "--reference-unit": self.unit,
+            "--reference-rate": self.rate_hz,
+            "--reference-time-unit": self.time_unit,
+            "--reference-y-up": self.y_up or None,
+        }
+
+    def require_reference(self) -> None:
+        """Refuse options about a reference where there is none, of a file or in the recording."""
+        about = {
+            "--mirrored": self.mirrored,
+            "--reference-z-down": self.z_down,
+            "--search-offset": self.search_s,
+            "--fit-lever": self.fit_lever,
+        }
+        for option, value in about.items():
+            if value:
+                raise InputError(
+                    f"{option} is about a reference, and there is none: give --reference."
+                )
+
     def read(self) -> Reference | None:
         """Return the reference of the file, if one was given."""
         if self.file is None:
             return None
+        from imu_rig.importing.matlab_file import is_matlab_file
         from imu_rig.importing.optical import read_reference
 
+        given = [option for option, value in self._of_a_table.items() if value is not None]
+        if given and self.file.is_file() and is_matlab_file(self.file):
+            raise InputError(f"{self.file} states all about itself: leave {given[0]} out.")
         columns = None
         if self.columns is not None:
             x, y, z = (_column(part.strip()) for part in self.columns.split(","))
             columns = (x, y, z)
         return read_reference(
-            self.file, marker=self.marker, columns=columns, unit=self.unit, rate_hz=self.rate_hz
+            self.file,
+            marker=self.marker,
+            columns=columns,
+            unit=self.unit,
+            time_unit=self.time_unit,
+            rate_hz=self.rate_hz,
+            y_up=self.y_up or None,
         )
 
     def read_footprints(self) -> Footprints | None:
@@ -86,6 +121,12 @@ def beside_reference(
     DataError
         If they do not overlap, or go nowhere.
     """
+    from imu_rig.cli.analyze_agreement import (
+        about_signs,
+        aligned,
+        distance_words,
+        misplaced,
+    )
     from imu_rig.errors import DataError
     from imu_rig.reference.alignment import align
     from imu_rig.reference.optical_strides import compare_optical_strides
@@ -96,37 +137,43 @@ def beside_reference(
     from imu_rig.units import DEG
 
     trajectory = track.trajectory
-    found = align(
-        trajectory.t,
-        trajectory.position,
-        reference,
-        mirrored=options.mirrored,
-        search_offset_s=options.search_s,
-    )
+    found = aligned(track, reference, options)
     x, y, z = found.rmse
-    rows = [
+    rows: list[tuple[str, str]] = []
+    doubts: list[str] = []
+    figures = found.to_dict()
+    compared, contradictions = None, tuple[str, ...]()
+    try:
+        compared = compare_optical_strides(strides, reference, time_offset=found.time_offset)
+    except DataError as error:
+        # A marker that was lost at footfalls has positions to compare, but no strides.
+        doubts.append(f"No stride could be compared: {error}")
+    else:
+        told, contradictions = distance_words(compared, strides, "the reference has")
+        rows.append(("Distance", told))
+        rows.append(("Stride length", stride_words(compared)))
+        doubts += contradictions
+        figures["strides"] = compared.to_dict()
+    rows += [
         (
             "Horizontal",
             f"{fixed(found.rmse_horizontal, 3)} m RMSE, {fixed(found.largest_horizontal, 3)} m at "
             "most",
         ),
         ("Vertical", f"{fixed(found.rmse_vertical, 3)} m RMSE"),
-        ("Its axes x, y, z", f"{fixed(x, 3)}, {fixed(y, 3)}, {fixed(z, 3)} m RMSE"),
-        ("End", f"{fixed(found.closure, 3)} m off the way from begin to end"),
+        ("Axes of the reference", f"x {fixed(x, 3)}, y {fixed(y, 3)}, z {fixed(z, 3)} m RMSE"),
+        ("End", f"{fixed(found.closure, 3)} m apart, if both begin at one place"),
     ]
-    figures = found.to_dict()
-    try:
-        compared = compare_optical_strides(strides, reference, time_offset=found.time_offset)
-        rows.append(("Stride length", stride_words(compared)))
-        figures["strides"] = compared.to_dict()
-    except DataError:
-        pass  # a marker that was lost at footfalls has positions to compare, but no strides
-    if options.fit_lever:
+    elsewhere = misplaced(track, reference, options, found, compared)
+    if elsewhere is not None:
+        doubts = [elsewhere]
+    elif options.fit_lever or contradictions:
         fitted = align(
             trajectory.t,
             trajectory.position,
             reference,
             mirrored=options.mirrored,
+            z_down=options.z_down,
             search_offset_s=options.search_s,
             quaternion=trajectory.quaternion,
             fit_lever=True,
@@ -140,6 +187,15 @@ def beside_reference(
             )
         )
         figures["with_lever"] = fitted.to_dict()
+        moved = _at_the_marker(track, strides, fitted.lever)
+        with contextlib.suppress(DataError):  # told above
+            there = compare_optical_strides(moved, reference, time_offset=fitted.time_offset)
+            told, others = distance_words(there, strides, "the reference has")
+            rows.append(("Distance of that place", told))
+            figures["with_lever"]["strides"] = there.to_dict()
+            if contradictions and not others:
+                doubts.append(f"A marker at ({lever}) cm from the sensor would explain it: {told}")
+    doubts += about_signs(found.hands)
     note = (
         f"Yaw ({fixed(found.yaw / DEG, 2)} deg) and shift of the track were fitted to "
         f"{len(found.t)} places of the reference, {fixed(100.0 * found.coverage, 0)} % of it."
@@ -164,7 +220,20 @@ def beside_reference(
         None,
         figures,
         found,
+        tuple(doubts),
     )
+
+
+def _at_the_marker(track: FootTrack, strides: Strides, lever: FloatArray) -> Strides:
+    """Return strides with the lengths [m] of a place beside the sensor, by ``lever`` (3,)."""
+    import numpy as np
+
+    from imu_rig.rotation import rotate
+
+    path, rows = track.trajectory, track.footfalls.quietest
+    places = path.position[rows] + rotate(path.quaternion[rows], lever)
+    way = np.diff(places[:, :2], axis=0)
+    return replace(strides, length=np.hypot(way[:, 0], way[:, 1]))
 
 
 def beside_footprints(strides: Strides, footprints: Footprints) -> Measured:
@@ -177,19 +246,20 @@ def beside_footprints(strides: Strides, footprints: Footprints) -> Measured:
     """
     import numpy as np
 
+    from imu_rig.cli.analyze_agreement import ANOTHER_WALK, distance_words
     from imu_rig.gait.stride_kinds import SHIFT
     from imu_rig.reference.footprints import compare_footprints
     from imu_rig.report.foot_facts import Measured
     from imu_rig.report.numbers import fixed
 
     found = compare_footprints(strides, footprints)
+    told, contradictions = distance_words(found, strides, "the footprints have")
+    doubts = list(contradictions)
+    if abs(found.distance_percent) > 100.0 * ANOTHER_WALK:
+        doubts = [f"Do the footprints belong to this recording? {told}"]
     rows = [
         ("Strides", f"{found.count} found, {found.true_count} true"),
-        (
-            "Distance",
-            f"{fixed(found.distance, 2)} m, true {fixed(found.true_distance, 2)} m: "
-            f"{fixed(found.distance_percent, 2, sign=True)} %",
-        ),
+        ("Distance", told),
     ]
     lengths = None
     if len(found.errors):
@@ -207,7 +277,7 @@ def beside_footprints(strides: Strides, footprints: Footprints) -> Measured:
         "%",
         f"of the distance; {found.count} of {found.true_count} strides",
     )
-    return Measured(tuple(rows), card, note, None, lengths, found.to_dict())
+    return Measured(tuple(rows), card, note, None, lengths, found.to_dict(), doubts=tuple(doubts))
 
 
 def stride_words(found: StrideComparison) -> str:

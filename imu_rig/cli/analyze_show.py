@@ -27,6 +27,7 @@ def foot_summary(report: FootReport, files: dict[str, Any]) -> dict[str, Any]:
         "sha256": report.sha256,
         "facts": dict(report.facts),
         "feet": {foot.name: _foot_values(foot) for foot in report.feet},
+        "left_out": dict(report.left_out),
         "files": files,
     }
 
@@ -109,6 +110,10 @@ def show_foot(report: FootReport, files: dict[str, Any]) -> None:
         _show_one(sheet, report, foot)
         if f"Calibration of {foot.name}" in facts:
             sheet.entry("  calibration", facts[f"Calibration of {foot.name}"])
+    for name, why in report.left_out:
+        sheet.blank()
+        sheet.head(name, f" of {report.recording} is left out")
+        sheet.entry("  because", why, "yellow")
     if "Method" in facts:
         sheet.entry("  method", facts["Method"])
     if files:
@@ -138,25 +143,37 @@ def _show_one(sheet: Any, report: FootReport, foot: FootAnalysis) -> None:
         for name in ("length", "duration", "cadence", "velocity", "stance_share")
     )
     if length.count:
-        sheet.entry(
-            "  mean", f"stride {fixed(length.mean, 3)} m, from stride to stride ± "
-            f"{fixed(length.sd, 3)} m",
-        )  # fmt: skip
+        spread = f", which varies by {fixed(length.sd, 3)} m" if math.isfinite(length.sd) else ""
+        sheet.entry("  mean stride", f"{fixed(length.mean, 3)} m{spread}")
     if time.count:
         sheet.entry(
             "  cadence",
             f"{fixed(cadence.mean, 1)} steps/min, {fixed(speed.mean, 2)} m/s, "
             f"{fixed(100.0 * stance.mean, 0)} % of a stride on the ground",
         )
-    x, y, z = foot.track.trajectory.position[-1]
-    place = f"{fixed(x, 2)} m ahead, {fixed(y, 2)} m to the left, {fixed(z, 2)} m up of its start"
-    sheet.entry("  end", place)
+    sheet.entry("  end", end_words(foot))
     sigma = foot.heading_sigma / DEG
     if math.isfinite(sigma):
-        sheet.entry("  heading", f"± {fixed(sigma, 1)} deg at the end against the start")
+        sheet.entry("  heading", f"unsure by ± {fixed(sigma, 1)} deg at the end against the start")
     for label, measured in (("reference", foot.reference), ("footprints", foot.footprints)):
         if measured is not None:
-            told = "; ".join(f"{name.lower()} {value}" for name, value in measured.rows)
-            sheet.entry(f"  {label}", told)
+            for row, (name, value) in enumerate(measured.rows):
+                sheet.entry("" if row else f"  {label}", f"{name.lower()}: {value}")
     for note in foot.notes:
         sheet.entry("  note", note, "yellow")
+
+
+def end_words(foot: FootAnalysis) -> str:
+    """Tell where a foot ended, seen from where it began, and how surely."""
+    from imu_rig.report.foot import told_with_sigma
+
+    covariance = foot.track.covariance
+    sigmas = [math.nan] * 3 if covariance is None else covariance.position_sigma[-1].tolist()
+    ways = (("ahead", "behind"), ("to the left", "to the right"), ("above", "below"))
+    parts = [
+        f"{told_with_sigma(abs(value), sigma)} m {ahead if value >= 0.0 else behind}"
+        for value, sigma, (ahead, behind) in zip(
+            foot.track.trajectory.position[-1].tolist(), sigmas, ways, strict=True
+        )
+    ]
+    return f"{', '.join(parts)} its start"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 ON_A_FOOT = re.compile(r"foot|feet|shoe|boot|instep|ankle|heel|toe", re.IGNORECASE)
 NOT_ON_A_FOOT = re.compile(r"waist|hip|back|belt|chest|head|wrist|hand|thigh", re.IGNORECASE)
+SIDE = re.compile(r"left|right", re.IGNORECASE)
 MOST_FEET = 2
 
 
@@ -144,12 +145,22 @@ def choose_feet(file: Path, there: Sequence[str], wanted: Sequence[str]) -> list
         chosen = list(there)
     else:
         chosen = [n for n in there if ON_A_FOOT.search(n) and not NOT_ON_A_FOOT.search(n)]
+        if not chosen and _left_and_right(there):
+            chosen = list(there)
     if not 1 <= len(chosen) <= MOST_FEET:
         raise InputError(
             f"{file} holds {len(there)} inertial sensors ({_listed(there)}): name the one on a "
             "foot with --sensor, or two for both feet."
         )
     return chosen
+
+
+def _left_and_right(there: Sequence[str]) -> bool:
+    """Whether there are two sensors, told apart by the side only: as ``left_sensor``."""
+    if len(there) != MOST_FEET or any(NOT_ON_A_FOOT.search(name) for name in there):
+        return False
+    first, second = (SIDE.sub("*", name) for name in there)
+    return first == second and "*" in first and len({name.lower() for name in there}) == MOST_FEET
 
 
 def _of_trial(
@@ -190,13 +201,19 @@ def _of_foreign(
 ) -> list[WalkRecording]:
     from imu_rig.calibration.certificate import load_certificate
     from imu_rig.importing.formats import is_table, load_foreign, read_imu
+    from imu_rig.importing.tables import find_sensors
 
-    columns = table.column_map()
-    if is_table(file, columns):
-        if sensors:
+    columns, reference = table.column_map(), None
+    several = bool(columns.sensors)
+    if is_table(file, columns) or several:
+        # What a magnetometer says is not used here, so that nobody need state its unit.
+        columns = columns.updated(mag_unit=columns.mag_unit or "uT")
+        several = several or (columns.accel is None and len(find_sensors(file, columns)) > 1)
+        if not several and sensors:
             raise InputError(f"{file} is a table of one sensor: leave --sensor out.")
-        blocks, reference = {file.stem: read_imu(file, columns)}, None
-    else:
+        if not several:
+            blocks = {file.stem: replace(read_imu(file, columns), mag=None)}
+    if several or not is_table(file, columns):
         recording = load_foreign(file, columns=columns)
         chosen = choose_feet(file, recording.sensors, sensors)
         for name in chosen:

@@ -41,6 +41,8 @@ class Measured:
         Name to value of the same, for programs.
     alignment : Alignment or None
         With a path.
+    doubts : tuple of str
+        What speaks against the track, or against the two being of one walk; a sentence each.
     """
 
     rows: tuple[tuple[str, str], ...]
@@ -50,6 +52,7 @@ class Measured:
     stride_lengths: FloatArray | None = None
     figures: dict[str, Any] | None = None
     alignment: Alignment | None = None
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +133,8 @@ class FootReport:
         Whether both feet are in one frame, so that they can be drawn together.
     facts : tuple of (str, str)
         How it was analysed: method, calibration, gravity ...
+    left_out : tuple of (str, str)
+        Feet that could not be followed, and why.
     """
 
     recording: str
@@ -137,3 +142,4 @@ class FootReport:
     feet: tuple[FootAnalysis, ...]
     shared: bool = False
     facts: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()
