@@ -185,11 +185,15 @@ class Outcome:
     closure: dict[str, list[float]]
     refused: list[str]
 
+    @property
+    def optical_mean(self) -> float:
+        """Mean over the optical trials of their horizontal errors [m]."""
+        return float(np.mean([np.mean(errors) for errors in self.optical.values() if errors]))
+
     def line(self) -> str:
         """Tell it in a line."""
-        each = {name: float(np.mean(v)) for name, v in self.optical.items() if v}
-        text = f"{np.mean(list(each.values())):.4f} m ("
-        text += " ".join(f"{v:.3f}" for v in each.values()) + ")"
+        text = f"{self.optical_mean:.4f} m ("
+        text += " ".join(f"{np.mean(v):.3f}" for v in self.optical.values() if v) + ")"
         for rows in self.footprints.values():
             if rows:
                 wrong = sum(row[0] != 0 for row in rows)

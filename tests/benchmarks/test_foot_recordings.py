@@ -4,8 +4,6 @@ import foot_recordings as study
 import numpy as np
 import pytest
 
-from imu_rig.gait.options import FootOptions
-
 
 @pytest.fixture(scope="module")
 def found(imu_rig_data):
@@ -32,7 +30,7 @@ def test_strides_between_measured_footprints(found, trial, strides):
 
 
 def test_strides_of_motion_capture(found):
-    assert found.mocap_mae <= 0.035
+    assert found.mocap_mae <= 0.025  # 0.035 asked
 
 
 def test_a_walk_that_ends_where_it_began(found):
@@ -41,6 +39,6 @@ def test_a_walk_that_ends_where_it_began(found):
 
 
 def test_every_number_of_the_defaults_is_varied():
-    names = {name for name, _, _ in study.varied(FootOptions())}
-    assert {"gyro_motion", "stance.highest", "stance.trust"} <= names
-    assert len(names) > 25
+    names = {name for name, _, _ in study.varied(0.5)}
+    assert {"gyro_motion", "stance.highest", "stance.trust", "grade.gyro_bias"} <= names
+    assert len(names) > 35
