@@ -17,9 +17,9 @@ import numpy as np
 
 from imu_rig.arrays import AnyArray, BoolArray, FloatArray
 from imu_rig.gait.distance_uncertainty import distance_sigma
-from imu_rig.gait.events import find_contacts
+from imu_rig.gait.events import GroundContacts, find_contacts
 from imu_rig.gait.mounting import FootAxes, find_foot_axes, foot_matrices
-from imu_rig.gait.stride_kinds import GAIT, SHIFT, StrideFacts, stride_kinds
+from imu_rig.gait.stride_kinds import GAIT, SHIFT, StrideFacts, standing, stride_kinds
 from imu_rig.gait.trajectory import FootTrack
 
 EVENT_SIGMA_S = 0.012
@@ -112,8 +112,15 @@ class Strides:
 
     @property
     def walking(self) -> BoolArray:
-        """Which strides, shape (m,), are steps of walking or running: what statistics are of."""
-        return np.isin(self.kind, GAIT)
+        """Which strides, shape (m,), are of steady walking or running: what statistics are of.
+
+        Those that begin from standing or end in it are shorter or slower, and none of them. Nor are
+        those of unknown duration, so that all means are of the same strides; but where no duration
+        is known, all are taken.
+        """
+        gait = np.isin(self.kind, GAIT)
+        timed = gait & np.isfinite(self.duration)
+        return timed if timed.any() else gait
 
     @staticmethod
     def columns() -> dict[str, Column]:
@@ -153,7 +160,7 @@ def summarize(strides: Strides, which: BoolArray | None = None) -> dict[str, Sum
     ----------
     strides : Strides
     which : shape (m,), optional
-        Strides to count; those of walking and running where not given.
+        Strides to count; those of steady walking and running where not given.
     """
     chosen = strides.walking if which is None else which
     columns = [name for name in strides.columns() if name not in ("kind", *MOMENTS)]
@@ -202,6 +209,7 @@ def gait_parameters(track: FootTrack) -> Strides:
     stance_time = _of_a_cycle(events.toe_off - before)
     duration = stance_time + swing_time
     stance_share = stance_time / duration
+    stood = _stood(track, events, duration)
     kind = stride_kinds(
         StrideFacts(
             length=length,
@@ -211,6 +219,8 @@ def gait_parameters(track: FootTrack) -> Strides:
             duration=duration,
             stance_share=stance_share,
             off_foot=off_foot if axes.forward_known else np.zeros(count),
+            stood_before=stood[:-1],
+            stood_after=stood[1:],
         )
     )
     swing_width, clearance = _shape(trajectory.position, rows, moved, length)
@@ -267,6 +277,24 @@ def foot_pitch(foot: FloatArray) -> FloatArray:
     """
     level = np.hypot(foot[:, 0, 0], foot[:, 1, 0])
     return np.asarray(np.arctan2(foot[:, 2, 0], np.copysign(level, foot[:, 2, 2])))
+
+
+def _stood(track: FootTrack, events: GroundContacts, duration: FloatArray) -> BoolArray:
+    """Whether the foot stood at each footfall, shape (k,); the first counts as a stand.
+
+    Of what was before the first nothing is known: its stride is not compared with others.
+    """
+    t, falls = track.trajectory.t, track.footfalls
+    if len(falls) < 2:
+        return np.ones(len(falls), dtype=bool)
+    begin, end = t[falls.first].copy(), t[falls.last].copy()
+    begin[1:] = np.where(np.isfinite(events.contact), events.contact, begin[1:])
+    end[:-1] = np.where(np.isfinite(events.toe_off), events.toe_off, end[:-1])
+    known = duration[np.isfinite(duration)]
+    cycle = float(np.median(known)) if len(known) else LONGEST_CYCLE_S
+    stood = standing(end - begin, cycle)
+    stood[0] = True
+    return stood
 
 
 def _of_a_cycle(stance_time: FloatArray) -> FloatArray:

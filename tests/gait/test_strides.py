@@ -7,11 +7,15 @@ import pytest
 from true_tracks import true_track, walk_of
 
 from imu_rig.gait.events import find_contacts
+from imu_rig.gait.stride_kinds import StrideFacts, stride_kinds
 from imu_rig.gait.strides import Strides, gait_parameters, summarize, summary_of
 from imu_rig.gait.trajectory import Footfalls, TrajectoryCovariance
 from imu_rig.units import DEG
 from simulators.walker.path import Arc, Stairs, Straight, Turn
+from simulators.walker.scenarios import Scenario
+from simulators.walker.steps import Stand, Walk
 from simulators.walker.truth import stride_lengths
+from simulators.walker.walker import Walker
 
 
 @pytest.fixture(scope="module")
@@ -50,9 +54,66 @@ def test_a_stride_has_the_figures_of_a_gait_laboratory(walker, strides):
     assert one["lowest_pitch"].mean == pytest.approx(-65 * DEG, abs=4 * DEG)
     assert -60 * DEG < one["toe_off_pitch"].mean < -45 * DEG
     assert one["clearance"].mean == pytest.approx(0.075, abs=0.02)
-    assert set(strides.kind) == {"walk"}
-    assert one["length"].count == len(strides)
-    assert one["duration"].count == len(strides) - 1
+    assert strides.kind.tolist() == ["start"] + ["walk"] * (len(strides) - 2) + ["stop"]
+    counts = {one[name].count for name in ("length", "duration", "velocity", "stance_share")}
+    assert counts == {len(strides) - 2}
+
+
+def test_strides_from_and_to_standing_do_not_count_as_variability(track, strides):
+    """A person whose strides vary by 2.5 % does not vary by more for having begun with half a
+    stride; in a recording that ends as the foot comes down, the last is as good as any."""
+    one = summarize(strides)
+    assert one["length"].cv < 0.035
+    assert one["velocity"].mean == pytest.approx(
+        one["length"].mean / one["duration"].mean, rel=0.01
+    )
+    end = int(np.searchsorted(track.trajectory.t, strides.contact[-2] + 0.4))
+    falls = track.footfalls
+    kept = Footfalls(
+        *(np.minimum(a[:-1], end - 1) for a in (falls.first, falls.last, falls.quietest))
+    )
+    cut = gait_parameters(replace(track, trajectory=track.trajectory[:end], footfalls=kept))
+    assert cut.kind.tolist() == ["start"] + ["walk"] * (len(cut) - 1)
+
+
+def test_a_pause_parts_two_walks():
+    pause = (Stand(2.0), Walk((Straight(6.0),)), Stand(3.0), Walk((Straight(6.0),)), Stand(2.0))
+    strides = gait_parameters(true_track(Walker(Scenario("two", "Two walks", pause), seed=3)))
+    kinds = [kind for kind in strides.kind.tolist() if kind != "walk"]
+    assert kinds == ["start", "stop", "start", "stop"]
+
+
+@pytest.mark.parametrize("place", ["left-foot", "right-foot"])
+def test_single_stairs_are_as_steep_up_as_down(place):
+    """Onto stairs and off them a foot climbs one step of 0.17 m in 0.6 to 0.9 m."""
+    found = []
+    for steps in (7, -7):
+        walker = walk_of(Straight(3.0), Stairs(steps), Straight(3.0), speeds=(1.0,), seed=2)
+        strides = gait_parameters(true_track(walker, place))
+        rising = np.abs(strides.height) > 0.1
+        assert set(strides.kind[rising]) == {"up" if steps > 0 else "down"}
+        assert set(strides.kind[~rising][1:-1]) == {"walk"}
+        found.append(rising.sum())
+    assert found[0] == found[1] >= 4
+
+
+@pytest.mark.parametrize(
+    ("height", "kinds"),
+    [
+        ([0.0, 0.15, 0.0, -0.12, 0.0], ["walk", "up", "walk", "down", "walk"]),
+        ([0.0, 0.07, 0.14, 0.14, 0.14, 0.06], ["walk"] * 6),
+        ([0.0, 0.09, 0.0], ["walk"] * 3),
+    ],
+)
+def test_curbs_are_steps_and_ramps_are_not(height, kinds):
+    """Among strides of 1.4 m; 0.14 m on each is a ramp of 10 %."""
+    m = len(height)
+    same = {name: np.full(m, value) for name, value in
+            {"length": 1.4, "turn": 0.0, "swing_time": 0.4, "duration": 1.1, "stance_share": 0.6,
+             "off_foot": 0.0}.items()}  # fmt: skip
+    never = np.zeros(m, dtype=bool)
+    facts = StrideFacts(height=np.array(height), stood_before=never, stood_after=never, **same)
+    assert stride_kinds(facts).tolist() == kinds
 
 
 @pytest.mark.parametrize(
@@ -89,7 +150,7 @@ def test_runners_fly():
     """At 3 m/s a foot is on the ground for less than half of the time; it turns past the vertical
     without folding over."""
     strides = gait_parameters(true_track(walk_of(Straight(9.0), speeds=(3.0,))))
-    assert set(strides.kind[1:]) == {"run"}
+    assert set(strides.kind[1:-1]) == {"run"}
     assert summarize(strides)["stance_share"].mean < 0.46
     assert np.all(strides.lowest_pitch < -80 * DEG)
 
@@ -100,7 +161,7 @@ def test_runners_fly():
         ((Stairs(8),), 1.0, ["up"] * 5),
         ((Stairs(-8),), 1.0, ["down"] * 5),
         ((Turn(400.0),), 1.0, ["turn"] * 5),
-        ((Straight(6.0, -8.0),), 1.0, ["walk"] * 6),
+        ((Straight(6.0, -8.0),), 1.0, ["start", *["walk"] * 4, "stop"]),
     ],
 )
 def test_kinds_of_strides(pieces, speed, kinds):
@@ -114,7 +175,7 @@ def test_a_bend_turns_the_foot_as_the_way_turns():
     """Half a circle to the left on 1 m: the strides share 180 deg and go where the foot points."""
     strides = gait_parameters(true_track(walk_of(Arc(1.0, 180.0), speeds=(1.2,))))
     assert strides.turn.sum() == pytest.approx(np.pi, abs=12 * DEG)
-    assert set(strides.kind) == {"walk"}
+    assert set(strides.kind[1:-1]) == {"walk"}
     assert np.all(strides.turn > 0)
     assert np.all(np.abs(strides.sideways) < 0.08)
 
