@@ -17,6 +17,7 @@ from imu_rig.cli.analyze_source import Calibrating, WalkRecording, read_walk
 from imu_rig.cli.recordings import TableOptions
 from imu_rig.cli.working import Working
 from imu_rig.errors import DataError, InputError
+from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.calibration.gravity import Gravity
@@ -118,7 +119,7 @@ def analyse_feet(
     feet: list[tuple[WalkRecording, Found]] = []
     failed: list[tuple[WalkRecording, DataError]] = []
     for recording in recordings:
-        working.now(f"Following {recording.sensor}")
+        working.now(f"Following {one_line(recording.sensor)}")
         try:
             found = find_track(recording.block, way, recording.certificate)
             feet.append((recording, _straightened(found) if bounds.straight else found))
@@ -132,7 +133,7 @@ def analyse_feet(
         working.now("Holding both feet together")
         feet, shared = _together(feet)
     try:
-        described = [_described(recording, found, beside) for recording, found in feet]
+        described = [_described(recording, found, beside, way) for recording, found in feet]
     except DataError as error:
         raise DataError(_named(recordings[0], error, several=False)) from error
     return Feet(described, shared, [(r.sensor, sentences(str(e))[0]) for r, e in failed])
@@ -182,7 +183,9 @@ def _straightened(found: Found) -> Found:
     return _noted(replace(found, track=corridors.track), corridors.note)
 
 
-def _described(recording: WalkRecording, found: Found, beside: ReferenceOptions) -> FootAnalysis:
+def _described(
+    recording: WalkRecording, found: Found, beside: ReferenceOptions, way: Way
+) -> FootAnalysis:
     """Measure the strides of a track, and set it beside what else is known."""
     from imu_rig.cli.analyze_show import sentences
     from imu_rig.gait.strides import gait_parameters
@@ -210,6 +213,7 @@ def _described(recording: WalkRecording, found: Found, beside: ReferenceOptions)
         trodden,
         sentences(*notes),
         found.steps,
+        way.motion_unit,
     )
 
 

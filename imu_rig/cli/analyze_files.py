@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,24 @@ def analysis_folder(output: Path | None, what: str, file: Path, names: tuple[str
 
     stem = f"{what}-{safe_name(file.stem)}-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}"
     return new_folder(Path(stem) if output is None else output, names)
+
+
+@contextlib.contextmanager
+def removed_on_failure(folder: Path, names: tuple[str, ...]) -> Iterator[None]:
+    """Take away what was written into a folder where the rest of it cannot be, or Ctrl-C comes.
+
+    A folder with half of an analysis would be taken for a whole one, and the same command would
+    be refused the second time, as nothing is overwritten.
+    """
+    try:
+        yield
+    except BaseException:
+        for name in names:
+            with contextlib.suppress(OSError):
+                (folder / name).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            folder.rmdir()  # stays where it holds anything else
+        raise
 
 
 def safe_name(text: str) -> str:

@@ -49,6 +49,7 @@ from imu_rig.cli.options import (
     named,
 )
 from imu_rig.errors import InputError
+from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.cli.analyze_feet import Wanted
@@ -221,24 +222,29 @@ def _analyse(
     file: Path, wanted: Wanted, done: _Done, output: Path | None, *, several: bool, writes: bool
 ) -> None:
     from imu_rig.cli.analyze_feet import analyse_recording
+    from imu_rig.cli.analyze_files import removed_on_failure
     from imu_rig.cli.working import Working
 
-    with Working(f"Reading {file.name}") as working:
+    with Working(f"Reading {one_line(file.name)}") as working:
         report = analyse_recording(file, wanted, working)
         written: dict[str, Any] = {}
         if writes:
-            working.now(f"Drawing {file.name}")
+            working.now(f"Drawing {one_line(file.name)}")
             folder = _folder(output, file, several=several, report=report)
-            written = _write(folder, report)
+            with removed_on_failure(folder, _names(report)):
+                written = _write(folder, report)
     done.found(report, written)
 
 
 def _folder(output: Path | None, file: Path, *, several: bool, report: FootReport) -> Path:
     from imu_rig.cli.analyze_files import analysis_folder, safe_name
 
-    names = (REPORT_NAME, STRIDES_NAME, SUMMARY_NAME, *_trajectory_names(report))
     where = output / safe_name(file.stem) if several and output is not None else output
-    return analysis_folder(where, "foot", file, names)
+    return analysis_folder(where, "foot", file, _names(report))
+
+
+def _names(report: FootReport) -> tuple[str, ...]:
+    return (REPORT_NAME, STRIDES_NAME, SUMMARY_NAME, *_trajectory_names(report))
 
 
 def _trajectory_names(report: FootReport) -> list[str]:

@@ -30,6 +30,7 @@ from imu_rig.cli.options import (
     named,
 )
 from imu_rig.errors import DataError, InputError
+from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.arrays import FloatArray
@@ -124,9 +125,9 @@ def gait(
     trials: list[GaitTrial] = []
     left_out: dict[str, DataError] = {}
     calibrations: dict[str, str] = {}
-    with Working(f"Reading {files[0].name}") as working:
+    with Working(f"Reading {one_line(files[0].name)}") as working:
         for file in files:
-            working.now(f"Following {file.name}")
+            working.now(f"Following {one_line(file.name)}")
             recordings = read_walk(file, table, tuple(sensor or ()), calibrating)
             for recording in recordings:
                 who = _name(recording, several=len(recordings) > 1)
@@ -257,14 +258,21 @@ def _report(
 
 def _write(output: Path | None, first: Path, report: GaitReport) -> dict[str, str]:
     """Write all files; return their paths by what they are."""
-    from imu_rig.cli.analyze_files import analysis_folder, write_json, write_rows
+    from imu_rig.cli.analyze_files import analysis_folder, removed_on_failure
+
+    names = (REPORT_NAME, STRIDES_NAME, DISTANCES_NAME, SUMMARY_NAME)
+    folder = analysis_folder(output, "gait", first, names)
+    with removed_on_failure(folder, names):
+        return _write_into(folder, report)
+
+
+def _write_into(folder: Path, report: GaitReport) -> dict[str, str]:
+    from imu_rig.cli.analyze_files import write_json, write_rows
     from imu_rig.cli.analyze_gait_show import distance_head, distance_rows, gait_summary
     from imu_rig.report.gait import gait_report
     from imu_rig.report.page import write_report
     from imu_rig.report.stride_table import stride_head, stride_rows
 
-    names = (REPORT_NAME, STRIDES_NAME, DISTANCES_NAME, SUMMARY_NAME)
-    folder = analysis_folder(output, "gait", first, names)
     write_report(folder / REPORT_NAME, gait_report(report))
     rows = [row for trial in report.trials for row in stride_rows(trial.name, trial.strides)]
     head = ["trial", *stride_head(report.trials[0].strides)[1:]]

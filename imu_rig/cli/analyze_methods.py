@@ -62,6 +62,16 @@ class Way:
             raise InputError(f"--detector is one of {names}, not {self.detector!r}.")
 
     @property
+    def name(self) -> str:
+        """The detector's name: the one given, or the method's own."""
+        return self.detector or (PAPERS_DETECTOR if self.method == "paper" else ADAPTIVE)
+
+    @property
+    def motion_unit(self) -> str:
+        """The unit of what the detector compares; empty where it is a number of its own."""
+        return "m/s" if self.name == ADAPTIVE else ""
+
+    @property
     def options(self) -> FootOptions:
         """The options of our smoother."""
         from imu_rig.gait.options import FootOptions
@@ -77,9 +87,8 @@ class Way:
     def words(self) -> str:
         """The method and its detector, for people."""
         if self.method == "paper":
-            detector = self.detector or PAPERS_DETECTOR
-            return f"forward and backward filter, step by step; detector {detector}"
-        return f"smoother over the whole recording; detector {self.detector or ADAPTIVE}"
+            return f"forward and backward filter, step by step; detector {self.name}"
+        return f"smoother over the whole recording; detector {self.name}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +108,7 @@ def find_track(block: ImuBlock, way: Way, certificate: Certificate | None = None
     DataError
         If the recording cannot be one of a foot that walks.
     """
-    name = way.detector or (PAPERS_DETECTOR if way.method == "paper" else ADAPTIVE)
+    name = way.name
     if name == ADAPTIVE:
         return _followed(block, way, certificate)
     try:
@@ -119,13 +128,13 @@ def _followed(block: ImuBlock, way: Way, certificate: Certificate | None) -> Fou
 
     if way.method == "paper":
         return _by_two_filters(block, way)
-    own = way.detector in (None, ADAPTIVE)
+    own = way.name == ADAPTIVE
     track = smooth_foot(
         block,
         way.options,
         grade=grade_of(certificate),
         covariance=True,
-        detector=None if own else way.detector,
+        detector=None if own else way.name,
     )
     return Found(track, block)
 
@@ -174,7 +183,7 @@ def _by_two_filters(block: ImuBlock, way: Way) -> Found:
 
     raw, told = block, check_recording(block, gravity=way.gravity)
     block, bias = without_bias(raw)
-    name = way.detector or PAPERS_DETECTOR
+    name = way.name
     zero = (
         detect_stance(block.t, block.accel, block.gyro, way.options.stance, way.gravity)
         if name == ADAPTIVE

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from imu_rig.gait.strides import Strides
     from imu_rig.reference.tables import AxisTable
     from imu_rig.report.foot_facts import FootAnalysis, FootReport
 
@@ -126,24 +127,22 @@ def show_foot(report: FootReport, files: dict[str, Any]) -> None:
 
 def _show_one(sheet: Any, report: FootReport, foot: FootAnalysis) -> None:
     from imu_rig.report.foot import told_with_sigma
-    from imu_rig.report.numbers import counted, duration, fixed
+    from imu_rig.report.numbers import duration, fixed
     from imu_rig.report.stride_table import shown_summary
     from imu_rig.units import DEG
 
     strides = foot.strides
-    walking = int(strides.walking.sum())
     sheet.head(f"{foot.name}", f" of {report.recording}, {duration(foot.duration_s)}")
     unsure = "" if math.isfinite(strides.distance_sigma) else " (uncertainty unknown)"
     walked = told_with_sigma(strides.distance, strides.distance_sigma)
     sheet.entry("  distance", f"{walked} m{unsure}", "bold")
-    others = f", {len(strides) - walking} of other kinds" if len(strides) > walking else ""
-    sheet.entry("  strides", f"{counted(walking, 'stride')} of walking or running{others}")
+    sheet.entry("  strides", stride_words(strides))
     length, time, cadence, speed, stance = (
         shown_summary(strides, name)[1]
         for name in ("length", "duration", "cadence", "velocity", "stance_share")
     )
     if length.count:
-        spread = f", which varies by {fixed(length.sd, 3)} m" if math.isfinite(length.sd) else ""
+        spread = f", standard deviation {fixed(length.sd, 3)} m" if math.isfinite(length.sd) else ""
         sheet.entry("  mean stride", f"{fixed(length.mean, 3)} m{spread}")
     if time.count:
         sheet.entry(
@@ -161,6 +160,18 @@ def _show_one(sheet: Any, report: FootReport, foot: FootAnalysis) -> None:
                 sheet.entry("" if row else f"  {label}", f"{name.lower()}: {value}")
     for note in foot.notes:
         sheet.entry("  note", note, "yellow")
+
+
+def stride_words(strides: Strides) -> str:
+    """Tell how many strides there are of each kind, steady walking and running first."""
+    from imu_rig.gait.stride_kinds import GAIT, KINDS
+    from imu_rig.report.numbers import counted
+
+    counts = {kind: int((strides.kind == kind).sum()) for kind in KINDS}
+    steady = sum(counts.pop(kind) for kind in GAIT)
+    others = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    told = f"{counted(len(strides), 'stride')}, {steady} of them of steady walking or running"
+    return f"{told}; {others}" if others else told
 
 
 def end_words(foot: FootAnalysis) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from imu_rig.report.svg import Figures, report_style
 from imu_rig.report.two_filter import two_filter_figures
 from imu_rig.units import DEG
 
-TITLE = "Walk"
+TITLE = "Where a foot went"
 
 
 def foot_report(report: FootReport, *, title: str = TITLE) -> str:
@@ -30,12 +31,18 @@ def foot_report(report: FootReport, *, title: str = TITLE) -> str:
     names = ", ".join(foot.name for foot in report.feet)
     drawn = Figures()
     parts: list[Html] = []
+    if report.shared:
+        parts.append(_both_feet(report, drawn))
     for number, foot in enumerate(report.feet):
         parts += _of_foot(report, foot, drawn, number)
     return document(
         f"{title}: {report.recording}",
-        header("trajectory of a foot", title, f"{report.recording} · {names}"),
-        *(_verdict(foot, several=len(report.feet) > 1) for foot in report.feet),
+        header("trajectory and strides", title, f"{report.recording} · {names}"),
+        *(_left_out(name, why) for name, why in report.left_out),
+        *(
+            _verdict(foot, several=len(report.feet) + len(report.left_out) > 1)
+            for foot in report.feet
+        ),
         *parts,
         _provenance(report),
     )
@@ -68,26 +75,46 @@ def _verdict(foot: FootAnalysis, *, several: bool) -> Html:
     )
 
 
+def _left_out(name: str, why: str) -> Html:
+    return element(
+        "div", element("h2", f"{name} is left out"), element("p", why), class_="verdict care"
+    )
+
+
+def _both_feet(report: FootReport, drawn: Figures) -> Html:
+    """Draw two feet that are in one frame together."""
+    begin = len(drawn.parts)
+    seen = next((f.reference.seen for f in report.feet if f.reference is not None), None)
+    with report_style():
+        drawn.add(
+            "planboth",
+            foot_figures.plan([(foot.name, foot.track) for foot in report.feet], seen),
+            "The walk from above",
+            _plan_caption(report.feet),
+        )
+    return section("Both feet", element("div", *drawn.parts[begin:], class_="figures"))
+
+
 def _of_foot(report: FootReport, foot: FootAnalysis, drawn: Figures, number: int) -> list[Html]:
     several = len(report.feet) > 1
     letter = "ab"[number]
     begin = len(drawn.parts)
     seen = None if foot.reference is None else foot.reference.seen
     with report_style():
-        if not (report.shared and number > 0):
-            together = report.feet if report.shared else (foot,)
+        if not report.shared:
             drawn.add(
                 f"plan{letter}",
-                foot_figures.plan([(f.name, f.track) for f in together], seen),
+                foot_figures.plan([(foot.name, foot.track)], seen),
                 "The walk from above",
-                _plan_caption(foot),
+                _plan_caption([foot]),
             )
         drawn.add(
             f"axes{letter}",
             foot_figures.axes_over_time(foot.track, seen),
             "Position over time",
             "Of the sensor, from where the recording begins. Bands hold 95 % of the errors that "
-            "are to be expected, with what the sensor's grade makes of them.",
+            "are to be expected of the sensor: as large as its certificate says, or as usual "
+            "without one.",
         )
         if len(foot.track.footfalls):
             drawn.add(
@@ -116,12 +143,17 @@ def _of_foot(report: FootReport, foot: FootAnalysis, drawn: Figures, number: int
     return [*found, *_two_filters(foot, drawn, letter, named)]
 
 
-def _plan_caption(foot: FootAnalysis) -> str:
+def _plan_caption(feet: Sequence[FootAnalysis]) -> str:
     text = "Metres on equal axes; the foot first points along x."
-    if foot.track.covariance is not None:
-        text += " The ellipse holds the true end with 95 %."
-    if foot.reference is not None and foot.reference.seen is not None:
-        text += " " + foot.reference.note
+    covariances = [foot.track.covariance for foot in feet]
+    if any(covariance is not None for covariance in covariances):
+        text += (
+            " The ellipse holds the true end with 95 %; where it is larger than the walk, the axes "
+            "cut it."
+        )
+    for foot in feet:
+        if foot.reference is not None and foot.reference.seen is not None:
+            text += " " + foot.reference.note
     return text
 
 
@@ -140,7 +172,7 @@ def _cards(foot: FootAnalysis) -> list[Html]:
             "m",
             "sum of the strides" if unknown else "sum of the strides ± standard uncertainty",
         ),
-        card("Strides", str(len(strides)), "", f"{walking} of them walking or running"),
+        card("Strides", str(len(strides)), "", f"{walking} of them of steady walking or running"),
         card(
             "Cadence", fixed(cadence.mean, 1), "steps/min", "of both feet, from this one's strides"
         ),
@@ -148,14 +180,14 @@ def _cards(foot: FootAnalysis) -> list[Html]:
             "Stride length",
             fixed(length.mean, 3),
             "m",
-            f"mean; from stride to stride ± {fixed(length.sd, 3)} m",
+            f"mean of steady strides; standard deviation {fixed(length.sd, 3)} m",
         ),
         card("Velocity", fixed(speed.mean, 2), "m/s", "mean over strides"),
         card(
-            "Heading",
+            "Uncertainty of heading",
             MISSING if math.isnan(sigma) else f"± {fixed(sigma, 1)}",
             "" if math.isnan(sigma) else "deg",
-            "standard uncertainty at the end against the start",
+            "standard, at the end against the start",
         ),
     ]
     cards += [card(*m.card) for m in (foot.reference, foot.footprints) if m is not None]
@@ -198,7 +230,7 @@ def _strides(foot: FootAnalysis, drawn: Figures, letter: str, named: str) -> lis
             f"strides{letter}",
             stride_figures.over_strides(curves, strides.walking),
             "Every stride",
-            "From footfall to footfall; the line is the mean of walking and running strides. A "
+            "From footfall to footfall; the line is the mean of steady walking and running. A "
             "height beside zero is a stair, a slope, or error.",
         )
         if np.isfinite(strides.stance_share).any():
@@ -234,7 +266,7 @@ def _stance(foot: FootAnalysis, drawn: Figures, letter: str, named: str) -> list
     with report_style():
         drawn.add(
             f"stance{letter}",
-            stride_figures.stance(foot.track, foot.block.accel, foot.block.gyro),
+            stride_figures.stance(foot.track, foot.block.accel, foot.block.gyro, foot.motion_unit),
             "When the foot stands",
             "Some strides from the middle of the walk. Where what the detector compares lies "
             "below its threshold, the foot is taken to stand.",

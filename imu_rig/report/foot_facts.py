@@ -73,6 +73,8 @@ class FootAnalysis:
         What its reader should know, a sentence each.
     steps : StepSmoothing or None
         What the published two filters say, on the axes of the track, where they were asked.
+    motion_unit : str
+        Of what the detector compares; empty where it is a number of its own.
     """
 
     name: str
@@ -83,6 +85,7 @@ class FootAnalysis:
     footprints: Measured | None = None
     notes: tuple[str, ...] = ()
     steps: StepSmoothing | None = None
+    motion_unit: str = "m/s"
 
     @cached_property
     def angles(self) -> FloatArray:
@@ -90,7 +93,9 @@ class FootAnalysis:
         R = foot_matrices(self.track.trajectory.quaternion, self.strides.axes)
         pitch = foot_pitch(R)
         heading = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-        heading[np.abs(pitch) > STEEP] = np.nan
+        steep = np.abs(pitch) > STEEP
+        heading[~steep] = np.unwrap(heading[~steep])  # a whole turn is no jump
+        heading[steep] = np.nan
         return np.column_stack((np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0)), pitch, heading))
 
     @property

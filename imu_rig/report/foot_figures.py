@@ -65,6 +65,7 @@ def plan(feet: Sequence[tuple[str, FootTrack]], seen: SeenPath | None = None) ->
         points.append(seen.position[np.isfinite(seen.position).all(axis=1), :2])
     every = np.concatenate(points)
     low, high = every.min(axis=0), every.max(axis=0)
+    low, high = _with_ends(low, high, [track for _, track in feet])
     span = np.maximum(high - low, 0.3)
     wanted = PANEL_WIDTH * float(span[1] / span[0]) * (1.0 + 2.0 * MARGIN)
     height = min(max(wanted, PLAN_HEIGHT[0]), PLAN_HEIGHT[1])
@@ -93,6 +94,20 @@ def plan(feet: Sequence[tuple[str, FootTrack]], seen: SeenPath | None = None) ->
         borderaxespad=0.2, handletextpad=0.4, columnspacing=1.3, borderpad=0.2, handlelength=1.3,
     )  # fmt: skip
     return figure
+
+
+def _with_ends(
+    low: FloatArray, high: FloatArray, tracks: Sequence[FootTrack]
+) -> tuple[FloatArray, FloatArray]:
+    """Make room for the ellipses of ends, but no more than for as much again as the walk."""
+    room = float((high - low).max())
+    for track in tracks:
+        if track.covariance is not None:
+            end = track.trajectory.position[-1, :2]
+            half = RADIUS_95 * track.covariance.position_sigma[-1, :2]
+            low = np.maximum(np.minimum(low, end - half), low - 0.5 * room)
+            high = np.minimum(np.maximum(high, end + half), high + 0.5 * room)
+    return low, high
 
 
 def axes_over_time(track: FootTrack, seen: SeenPath | None = None) -> Figure:

@@ -77,12 +77,17 @@ def _cards(report: GaitReport, comparison: TrialComparison | None) -> list[Html]
     }
     walking = int(np.count_nonzero(report.walking))
     cards = [
-        card("Strides", str(len(report.walking)), "", f"{walking} of them walking or running"),
+        card(
+            "Strides",
+            str(len(report.walking)),
+            "",
+            f"{walking} of them of steady walking or running",
+        ),
         card(
             "Stride length",
             fixed(found["length"].mean, 3),
             "m",
-            f"mean; from stride to stride ± {fixed(found['length'].sd, 3)} m",
+            f"mean of steady strides; standard deviation {fixed(found['length'].sd, 3)} m",
         ),
         card("Cadence", fixed(found["cadence"].mean, 1), "steps/min", "of both feet"),
         card("Velocity", fixed(found["velocity"].mean, 2), "m/s", "mean over strides"),
@@ -112,7 +117,7 @@ def _parameters(report: GaitReport) -> Html:
             spread = fixed(found.sd, places) if math.isfinite(found.sd) else MISSING
             named = f"{label} [{unit}]" if unit else label
             rows.append([named, fixed(found.mean, places), spread, str(found.count)])
-    note = "Over the walking and running strides of all trials."
+    note = "Over the strides of steady walking and running of all trials."
     return section(
         "Gait parameters",
         table(["", "mean", "standard deviation", "strides"], rows),
@@ -147,7 +152,7 @@ def _strides(report: GaitReport, drawn: Figures) -> Html:
                 "strides",
                 stride_figures.over_strides(curves, report.walking),
                 "Every stride",
-                "Trial after trial; lines are the means of walking and running strides.",
+                "Trial after trial; lines are the means of steady walking and running.",
             )
             drawn.add(
                 "angles",

@@ -35,7 +35,9 @@ AT_REST = 1.2
 MARGIN_S = 0.2
 
 
-def stance(track: FootTrack, accel: FloatArray, gyro: FloatArray) -> Figure:
+def stance(
+    track: FootTrack, accel: FloatArray, gyro: FloatArray, motion_unit: str = "m/s"
+) -> Figure:
     """Draw what a foot feels over some strides, with the times at which it stands.
 
     Parameters
@@ -43,14 +45,17 @@ def stance(track: FootTrack, accel: FloatArray, gyro: FloatArray) -> Figure:
     track : FootTrack
     accel, gyro : shape (n, 3)
         Specific force [m/s^2] and angular rate [rad/s], sensor axes.
+    motion_unit : str
+        Of what the detector compares; empty where it has none.
     """
+    motion = f"motion [{motion_unit}]" if motion_unit else "motion"
     window = strides_window(track)
     t = track.trajectory.t[window]
     zero = track.zero_velocity
     curves = (
         (np.linalg.norm(accel[window], axis=1), "force [m/s²]", "specific force"),
         (np.linalg.norm(gyro[window], axis=1) / DEG, "rate [deg/s]", "angular rate"),
-        (zero.statistic[window], "motion", "what the detector compares"),
+        (zero.statistic[window], motion, "what the detector compares"),
     )
     figure = new_figure(450.0)
     for row, (values, label, name) in enumerate(curves):
@@ -151,7 +156,7 @@ def over_strides(curves: Sequence[StrideCurve], is_gait: BoolArray | None = None
         if curve.sigma is not None and count <= MANY_STRIDES:
             axes.errorbar(
                 x, values, yerr=Z_95 * curve.sigma, fmt="none", ecolor=AFTER, elinewidth=1.2,
-                alpha=0.7, label="95 %",
+                alpha=0.7, capsize=0.6 * size, capthick=1.0, label="95 %",
             )  # fmt: skip
         elif curve.sigma is not None:
             axes.fill_between(

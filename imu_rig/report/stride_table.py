@@ -182,5 +182,5 @@ def kinds_note(strides: Strides) -> Html | None:
         return None
     told = "; ".join(f"{count} “{name}” ({KINDS[name]})" for name, count in others)
     return element(
-        "p", f"Means are of walking and running strides. Not among them: {told}.", class_="note"
+        "p", f"Means are of steady walking and running. Not among them: {told}.", class_="note"
     )
