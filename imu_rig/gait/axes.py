@@ -53,18 +53,6 @@ speed; turns leave as much where an axis is wrong that is hardly used in walking
 LIKE_THE_BEST = 1.1
 """Of readings that leave little more than the best one, the one that changes least is given."""
 
-MISFIT, EXPLAINED = 0.3, 0.45
-"""Strides with more than this left [m/s], of which a late clock or a wrong gain explains all but
-this share, are not those of a sensor in order. Sensors in order leave 0.1 to 0.3 in simulated
-walks, gyroscopes 20 ms late or with times 10 % off two to four times as much, of which the cause
-explains all but 0.05 to 0.3. Of fewer strides than `MANY_STRIDES`, each with an error of its own
-where a shoe rings or a rest was none, two numbers explain half by chance."""
-
-LATE_S, GAIN_OFF = (0.015, 0.08), (0.05, 0.25)
-"""Below these a sensor may well be off, beyond them what is found is no clock and no gain."""
-
-DELAY_S, GAIN_STEP, ROUNDS = 0.008, 0.02, 4
-
 
 @dataclass(frozen=True, eq=False)
 class AxesAgreement:
@@ -80,15 +68,12 @@ class AxesAgreement:
         What the gyroscope's readings would have to be multiplied by for the least of it.
     left_by_best : float
         [m/s]
-    middle : float
-        Median of the speeds left by the axes as they are [m/s].
     """
 
     strides: int
     left: float
     best: FloatArray
     left_by_best: float
-    middle: float
 
     @property
     def agree(self) -> bool:
@@ -96,40 +81,6 @@ class AxesAgreement:
         sure = self.left_by_best < WELL and self.strides >= MANY_STRIDES
         share = CLEARLY if sure else FAR_BETTER
         return self.strides < FEWEST_STRIDES or self.left_by_best > share * self.left
-
-
-@dataclass(frozen=True, eq=False)
-class ClockAgreement:
-    """How well strides would end at rest with the gyroscope's clock or gain corrected.
-
-    Attributes
-    ----------
-    late_s : float
-        By which the gyroscope is late against the accelerometer [s].
-    gain : float
-        What its readings would have to be multiplied by: about 1.
-    left : float
-        Median speed left at the end of a stride as it is [m/s].
-    left_corrected : float
-        With both corrected [m/s].
-    """
-
-    late_s: float
-    gain: float
-    left: float
-    left_corrected: float
-
-    @property
-    def agree(self) -> bool:
-        """Whether no correction explains most of a large misfit."""
-        late, off = abs(self.late_s), abs(self.gain - 1.0)
-        return (
-            self.left < MISFIT
-            or self.left_corrected > EXPLAINED * self.left
-            or (late < LATE_S[0] and off < GAIN_OFF[0])
-            or late > LATE_S[1]
-            or off > GAIN_OFF[1]
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +105,17 @@ class StrideSample:
         """Return the number of strides."""
         return sum(len(first) for _, first, _ in self.parts)
 
-    def left(self, axes: FloatArray, delay: int = 0) -> FloatArray:
+    def up(self) -> FloatArray:
+        """Return the direction of what the accelerometer reads at rest, shape (3,)."""
+        read = [
+            moving_mean(part.t, part.accel, 0.5 * WINDOW_S)[first]
+            for part, first, _ in self.parts
+            if len(first)
+        ]
+        mean = np.median(np.concatenate(read), axis=0)
+        return np.asarray(mean / np.linalg.norm(mean))
+
+    def left(self, axes: FloatArray, delay: int = 0, force: FloatArray | None = None) -> FloatArray:
         """Return the velocity left at the end of each stride, shape (h, k, 3) [m/s].
 
         Parameters
@@ -163,15 +124,22 @@ class StrideSample:
             What the gyroscope's readings are multiplied by.
         delay : int
             Samples by which they are put off.
+        force : shape (4, 3), optional
+            What the accelerometer's readings, with a 1 [m/s^2] behind them, are multiplied by.
         """
         left = [np.empty((len(axes), 0, 3))]
         for part, first, last in self.parts:
-            up = moving_mean(part.t, part.accel, 0.5 * WINDOW_S)[first]
+            accel, gravity = part.accel, self.gravity
+            up = moving_mean(part.t, accel, 0.5 * WINDOW_S)[first]
+            if force is not None and len(first):
+                read = up
+                accel, up = accel @ force[:3] + force[3], up @ force[:3] + force[3]
+                # Gravity is what is read at rest.
+                gravity *= float(np.median(np.linalg.norm(up, axis=1)))
+                gravity /= float(np.median(np.linalg.norm(read, axis=1)))
             dt = np.diff(part.t, prepend=part.t[0])
             rate = np.roll(part.gyro - self.bias, delay, axis=0)
-            left.append(
-                stride_velocities(dt, rate, part.accel, first, last, up, self.gravity, axes)
-            )
+            left.append(stride_velocities(dt, rate, accel, first, last, up, gravity, axes))
         return np.concatenate(left, axis=1)
 
 
@@ -195,6 +163,14 @@ def sample_strides(
         bias = block.gyro[stills.begin[longest] : stills.end[longest]].mean(axis=0)
         size = gravity_at_rest(block, stills)
     parts = [(part, *_strides(part, gravity)) for part in _pieces(block)]
+    if not len(stills):
+        resting = [
+            moving_mean(part.t, part.accel, 0.5 * WINDOW_S)[first]
+            for part, first, _ in parts
+            if len(first)
+        ]
+        if resting:
+            size = float(np.median(np.linalg.norm(np.concatenate(resting), axis=1)))
     found = sum(len(first) for _, first, _ in parts)
     some = slice(None, None, max(1, -(-found // MOST_STRIDES)))
     return StrideSample([(part, a[some], b[some]) for part, a, b in parts], bias, size)
@@ -217,43 +193,12 @@ def compare_axes(strides: StrideSample) -> AxesAgreement:
     distances are right.
     """
     if not len(strides):
-        return AxesAgreement(0, 0.0, np.eye(3), 0.0, 0.0)
+        return AxesAgreement(0, 0.0, np.eye(3), 0.0)
     axes = _readings()
     as_it_is = _compared(strides.left(axes[:1]), axes[:1])
     if as_it_is.left < FITS:
         return as_it_is
     return _compared(strides.left(axes), axes)
-
-
-def compare_clocks(strides: StrideSample) -> ClockAgreement:
-    """Find by how much gyroscope and accelerometer are apart in time, and the former's gain.
-
-    Both change what is left at the end of a stride linearly, as long as they are small; least
-    squares over the strides give them.
-    """
-    dt = float(np.median(np.diff(strides.parts[0][0].t)))
-    delay = max(1, round(DELAY_S / max(dt, 1e-6)))
-    eye = np.eye(3)[np.newaxis]
-    now = strides.left(eye)[0]
-    by_gain = (strides.left((1 + GAIN_STEP) * eye) - strides.left((1 - GAIN_STEP) * eye))[0]
-    by_time = (strides.left(eye, delay) - strides.left(eye, -delay))[0]
-    slopes = np.stack(
-        (by_time.ravel() / (2 * delay * dt), by_gain.ravel() / (2 * GAIN_STEP)), axis=1
-    )
-    weight = np.ones(len(now))
-    for _ in range(ROUNDS):
-        each = np.repeat(weight, 3)
-        later, gain = np.linalg.lstsq(slopes * each[:, None], -now.ravel() * each, rcond=None)[0]
-        then = now + (slopes @ np.array([later, gain])).reshape(now.shape)
-        size = np.linalg.norm(then, axis=1)
-        # The sum of sizes, not of squares: some strides hold a stumble or a wrong rest.
-        weight = 1.0 / np.sqrt(np.maximum(size, 0.5 * np.median(size)))
-    return ClockAgreement(
-        -float(later),
-        1.0 + float(gain),
-        float(np.median(np.linalg.norm(now, axis=1))),
-        float(np.median(np.linalg.norm(then, axis=1))),
-    )
 
 
 def _compared(left: FloatArray, axes: FloatArray) -> AxesAgreement:
@@ -267,7 +212,6 @@ def _compared(left: FloatArray, axes: FloatArray) -> AxesAgreement:
         float(typical[0]),
         axes[best],
         float(typical[best]),
-        float(np.median(speeds[0])),
     )
 
 

@@ -89,8 +89,8 @@ def believed_grade(
         [m/s^2]
     """
     if contradicts(grade, misfit, gravity):
-        noises = {"gyro_noise": grade.gyro_noise, "accel_noise": grade.accel_noise}
-        grade = replace(SensorGrade(), **noises)
+        noises = grade.gyro_noise, grade.accel_noise
+        grade = replace(SensorGrade(), gyro_noise=noises[0], accel_noise=noises[1])
     elif grade.raw_odds < SensorGrade().raw_odds:
         return grade
     turning = float(np.abs(bias.value).max())

@@ -14,12 +14,9 @@ import numpy as np
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.axes import (
-    MANY_STRIDES,
-    MISFIT,
     AxesAgreement,
-    ClockAgreement,
+    StrideSample,
     compare_axes,
-    compare_clocks,
     gravity_at_rest,
     sample_strides,
 )
@@ -60,11 +57,6 @@ LIKELY_G, LIKELY_MG = (0.5, 2.0), (500.0, 2000.0)
 ANY_REST = (0.4, 3.0)
 """Sizes of specific force in the quietest moments of a recording without any rest, over g."""
 
-GAIN_TOLD = 0.02
-LATE_REFUSED = 0.02
-"""A gyroscope that late [s] makes strides 5 % shorter. What poor sensors do looks like 14 ms or a
-gain 13 % off at most, and is only told."""
-
 MISSING_REFUSED = 0.05
 """With a twentieth of the moving time in gaps, every other stride has one."""
 
@@ -84,11 +76,15 @@ class Inspection:
         What its reader should know, a sentence each without its stop.
     stills : Stills
     holes : Holes
+    strides : StrideSample or None
+        Of which gyroscope and accelerometer can be compared further; None where too much is cut
+        off for that.
     """
 
     notes: tuple[str, ...]
     stills: Stills
     holes: Holes
+    strides: StrideSample | None
 
 
 def check_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> tuple[str, ...]:
@@ -133,9 +129,10 @@ def inspect_recording(block: ImuBlock, *, gravity: float = STANDARD_GRAVITY) -> 
     cut, told = _check_ranges(block, holes)
     notes += told
     notes += _check_gaps(block, holes.gaps)
+    strides = None
     if cut < CUT_MUCH:
-        notes += _check_agreement(block, stills, gravity, float(most), whole=cut < CUT_LITTLE)
-    return Inspection(tuple(notes), stills, holes)
+        strides = _check_agreement(block, stills, gravity, float(most), whole=cut < CUT_LITTLE)
+    return Inspection(tuple(notes), stills, holes, strides)
 
 
 def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]:
@@ -175,32 +172,15 @@ def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]
 
 def _check_agreement(
     block: ImuBlock, stills: Stills, gravity: float, turns: float, *, whole: bool
-) -> list[str]:
-    """Compare gyroscope and accelerometer by the strides."""
+) -> StrideSample | None:
+    """Compare gyroscope and accelerometer by the strides; return them where they are whole."""
     strides = sample_strides(block, stills, gravity)
     axes = compare_axes(strides)
     shakes = float(np.sqrt(extent(block.accel)[3].sum()))
     lazy = shakes > SHAKES and turns < TURNS and axes.best[0, 0] > 1.0  # of few strides too
     if lazy or not axes.agree:
         raise DataError(_disagreement(axes))
-    if whole and axes.strides >= MANY_STRIDES and axes.middle > MISFIT:
-        clocks = compare_clocks(strides)
-        if not clocks.agree and abs(clocks.late_s) > LATE_REFUSED:
-            raise DataError(f"{_apart(clocks)}; correct the times")
-        if not clocks.agree:
-            return [f"{_apart(clocks)}; distances may be off by some percent"]
-    return []
-
-
-def _apart(clocks: ClockAgreement) -> str:
-    late = 1e3 * clocks.late_s
-    text = (
-        "gyroscope and accelerometer contradict each other: strides would end at rest if the "
-        f"gyroscope came {abs(late):.0f} ms {'earlier' if late > 0 else 'later'}"
-    )
-    if abs(clocks.gain - 1.0) > GAIN_TOLD:
-        text += f" and its readings, or all intervals of time, were multiplied by {clocks.gain:.2f}"
-    return text
+    return strides if whole else None
 
 
 def _disagreement(agreement: AxesAgreement) -> str:

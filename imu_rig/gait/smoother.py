@@ -13,6 +13,7 @@ from imu_rig.errors import DataError
 from imu_rig.gait.adaptive import detect_stance, settled
 from imu_rig.gait.belief import ANOTHER, believed_grade, contradicts, force_misfit
 from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
+from imu_rig.gait.clocks import clock_doubt, compare_clocks, with_doubt
 from imu_rig.gait.coarse import coarse_inputs, joined_number, joined_rows
 from imu_rig.gait.covariance import track_covariance
 from imu_rig.gait.filter_inputs import WIDE_BIAS, foot_inputs, foot_model, thinned
@@ -109,18 +110,26 @@ def smooth_foot(
     states = smooth_foot_states(inputs, model, estimate_gyro_bias=False)
     track = _track(block.t, states, zero_velocity, footfalls, bias)
     misfit = force_misfit(t, inputs, footfalls, options.gravity)
+    believed = believed_grade(grade, bias, misfit, options.gravity)
+    clocks = None
+    if checked.strides is not None:
+        strides = replace(checked.strides, bias=bias.value)
+        clocks = compare_clocks(strides, believed, options.gravity)
+    doubt = clock_doubt(clocks, believed)
+    believed = replace(believed, late_s=abs(doubt.late_s))
     notes = (
         *((ANOTHER,) if contradicts(grade, misfit, options.gravity) else ()),
+        *doubt.notes,
         *checked.notes,
         *track.notes,
         *check_track(track, block, gravity=options.gravity, unseen=unseen),
     )
     if not covariance:
         return replace(track, notes=notes)
-    believed = believed_grade(grade, bias, misfit, options.gravity)
     uncertainty = track_covariance(
         track.trajectory, states, inputs, model, footfalls, bias, believed
     )
+    uncertainty = with_doubt(uncertainty, doubt, track.trajectory, footfalls)
     return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
 
 

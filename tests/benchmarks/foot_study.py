@@ -390,7 +390,9 @@ def study_uncalibrated(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
             readings = chip.read(shape.means, None)
             t = shape.truth.t
             try:
-                track = smooth_foot(ImuBlock(t, readings.accel, readings.gyro, t), covariance=True)
+                block = ImuBlock(t, readings.accel, readings.gyro, t)
+                # Simulated chips read gyroscope and accelerometer at once.
+                track = smooth_foot(block, grade=SensorGrade(late_s=0.0), covariance=True)
             except DataError as refusal:
                 print(f"refused: {refusal}", flush=True)
                 continue

@@ -55,11 +55,6 @@ def without(block, begin, seconds):
     return block[(block.t < begin) | (block.t > begin + seconds)]
 
 
-def late(block, seconds):
-    gyro = [np.interp(block.t - seconds, block.t, block.gyro[:, k]) for k in range(3)]
-    return replace(block, gyro=np.stack(gyro, axis=1))
-
-
 def with_value(block, name, row, value):
     values = getattr(block, name).copy()
     values[row] = value
@@ -83,7 +78,6 @@ CASES = {
     "yaw reversed": (lambda b: scaled(b, gyro=[1, 1, -1]), "left-handed.*--gyro x,y,-z"),
     "x and y exchanged": (lambda b: replace(b, gyro=b.gyro[:, [1, 0, 2]]), "--gyro y,x,z"),
     "accel z reversed": (lambda b: scaled(b, [1, 1, -1]), "exchanged or reversed.*-x,-y,z"),
-    "gyroscope late": (lambda b: late(b, 0.04), "ms earlier"),
     "no gyroscope": (lambda b: scaled(b, gyro=0.0), "gyroscope reads zero"),
     "gyroscope missing": (lambda b: scaled(b, gyro=np.nan), "no gyroscope"),
     "one axis missing": (lambda b: scaled(b, gyro=[1, np.nan, 1]), "y axis .* missing"),
@@ -138,11 +132,6 @@ def test_harmless_is_not_refused(foot, case):
 def test_a_scale_that_is_off_is_told(foot):
     notes = check_recording(scaled(foot, 1.05))
     assert any("too much" in note and "calibrate" in note for note in notes)
-
-
-def test_times_that_are_off_are_told(foot):
-    notes = check_recording(with_times(foot, 1.15 * foot.t))
-    assert any("all intervals of time, were multiplied by 0." in note for note in notes)
 
 
 def test_gaps_and_clipping_are_told_and_add_to_the_uncertainty(foot, swing):
