@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 REPORT_NAME, STRIDES_NAME = "report.html", "strides.csv"
 DISTANCES_NAME, SUMMARY_NAME = "distances.csv", "summary.json"
 FARTHEST_M = 1e5
+FAR_OFF = 0.15
+"""A known distance that is farther from the smoother's [1] is hardly that of the trial: a sensor
+that nobody calibrated errs by a third of that."""
 
 
 def gait(
@@ -123,12 +126,16 @@ def gait(
     known = None if distance is None else _known(distance)
     wanted = _Wanted(way, detector, known)
     trials: list[GaitTrial] = []
-    left_out: dict[str, DataError] = {}
+    left_out: dict[str, InputError] = {}
     calibrations: dict[str, str] = {}
     with Working(f"Reading {one_line(files[0].name)}") as working:
         for file in files:
             working.now(f"Following {one_line(file.name)}")
-            recordings = read_walk(file, table, tuple(sensor or ()), calibrating)
+            try:
+                recordings = read_walk(file, table, tuple(sensor or ()), calibrating)
+            except InputError as error:
+                left_out[one_line(file.stem)] = error
+                continue
             for recording in recordings:
                 who = _name(recording, several=len(recordings) > 1)
                 try:
@@ -153,6 +160,8 @@ def gait(
         sys.stdout.write(json_text(gait_summary(report, written)) + "\n")
     else:
         show_gait(report, written)
+    if left_out:
+        raise typer.Exit(InputError.exit_code)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +193,11 @@ def _known(text: str) -> FloatArray:
             f"--distance {text!r} is no distance: give metres along the walk, as 10, or along all "
             "axes, as 10,0,0."
         )
+    if values[0] <= 0.0:
+        raise InputError(
+            f"--distance {text!r}: x is how far the walk led away from where it began, and more "
+            "than 0; of a walk that comes back compare places, with imu-rig analyze foot."
+        )
     return np.array([*values, 0.0, 0.0][:3])
 
 
@@ -210,13 +224,19 @@ def _trial(recording: WalkRecording, name: str, wanted: _Wanted) -> GaitTrial:
         raise DataError(f"{recording.file}: {str(error).rstrip('.')}.") from error
     strides = gait_parameters(found.track)
     notes = [*found.track.notes, *strides.notes]
-    before = after = None
-    if wanted.known is not None:
-        before = _integrated(recording, wanted, notes, calibrated=False)
-        if recording.certificate is not None:
-            after = _integrated(recording, wanted, notes, calibrated=True)
     ours = along_the_walk(found.track.trajectory)
-    return GaitTrial(name, strides, ours, after, before, sentences(*notes))
+    before = after = None
+    doubts: list[str] = []
+    if wanted.known is not None:
+        before = _integrated(recording, wanted, doubts, calibrated=False)
+        if recording.certificate is not None:
+            after = _integrated(recording, wanted, doubts, calibrated=True)
+        if abs(ours[0] - wanted.known[0]) > FAR_OFF * wanted.known[0]:
+            notes.append(
+                f"It led {ours[0]:.2f} m away from where it began, and --distance says "
+                f"{wanted.known[0]:.2f} m: is that the distance of this trial, in metres?"
+            )
+    return GaitTrial(name, strides, ours, after, before, sentences(*notes), sentences(*doubts))
 
 
 def _integrated(
@@ -229,9 +249,9 @@ def _integrated(
     try:
         found = walk_distance(recording.block if calibrated else recording.raw, wanted.walk_options)
     except DataError as error:
-        notes.append(f"No double integration, {kind}: {error}")
+        notes.append(f"{kind}: there is no distance, as {error}")
         return None
-    notes += [f"Double integration, {kind}: {note}" for note in found.notes]
+    notes += [f"{kind}: {note}" for note in found.notes]
     return found
 
 

@@ -87,6 +87,7 @@ def _trial_values(trial: GaitTrial) -> dict[str, Any]:
         "uncalibrated_m": None if trial.uncalibrated is None else _three(_of(trial.uncalibrated)),
         "calibrated_m": None if trial.calibrated is None else _three(_of(trial.calibrated)),
         "notes": list(trial.notes),
+        "double_integration_notes": list(trial.doubts),
     }
 
 
@@ -99,7 +100,7 @@ def show_gait(report: GaitReport, files: dict[str, str]) -> None:
     strides = len(report.walking)
     sheet.head(
         f"{counted(strides, 'stride')} in {counted(len(report.trials), 'trial')}",
-        f", {int(report.walking.sum())} of walking or running",
+        f", {int(report.walking.sum())} of steady walking or running",
     )
     for label, name, unit, scale, places in (
         ("length", "length", "m", 1.0, 3),
@@ -113,8 +114,9 @@ def show_gait(report: GaitReport, files: dict[str, str]) -> None:
             spread = f" ± {fixed(scale * found.sd, places)}" if math.isfinite(found.sd) else ""
             sheet.entry(f"  {label}", f"{fixed(scale * found.mean, places)}{spread} {unit}")
     sheet.blank()
-    for line in _table(report):
-        sheet.row([(line, "")])
+    for lines in (_table(report), *_distances(report)):
+        for line in lines:
+            sheet.row([(line, "")])
     comparison = report.comparison()
     if comparison is not None:
         told = "; ".join(
@@ -122,7 +124,10 @@ def show_gait(report: GaitReport, files: dict[str, str]) -> None:
         )
         sheet.blank()
         sheet.entry("  calibrating", f"makes errors smaller by: {told}")
-    for note in report.remarks:
+    sheet.blank()
+    for note in (*report.remarks, report.doubted):
+        if not note:
+            continue
         sheet.entry("  note", note, "yellow")
     if files:
         sheet.command(files["report"], "  report")
@@ -130,27 +135,51 @@ def show_gait(report: GaitReport, files: dict[str, str]) -> None:
 
 
 def _table(report: GaitReport) -> list[str]:
-    """Lines of the trials: strides, walked, and the distance along x by each method."""
+    """Lines of the trials: strides, and how far was walked."""
     from imu_rig.report.foot import told_with_sigma
-    from imu_rig.report.numbers import MISSING, fixed
 
-    head = f"  {'trial':{NAME_WIDTH}}{'strides':>8}{'walked [m]':>17}"
-    if report.integrated:
-        head += f"{'x raw':>9}{'x calib.':>9}{'x ours':>9}"
-    lines = [head]
+    lines = [f"  {'trial':{NAME_WIDTH}}{'strides':>8}{'walked [m]':>17}"]
     for trial in report.trials[:MOST_TRIALS]:
         walked = told_with_sigma(trial.strides.distance, trial.strides.distance_sigma)
         line = f"  {one_line(trial.name, NAME_WIDTH - 1):{NAME_WIDTH}}{len(trial.strides):>8}"
-        line += f"{walked:>17}"
-        if report.integrated:
-            for found in (trial.uncalibrated, trial.calibrated):
-                told = MISSING if found is None else fixed(float(found.distance[0]), 2)
-                line += f"{told:>9}"
-            line += f"{fixed(float(trial.ours[0]), 2):>9}"
-        lines.append(line)
-    if len(report.trials) > MOST_TRIALS:
-        lines.append(f"  ... and {len(report.trials) - MOST_TRIALS} more, in distances.csv")
-    return lines
+        lines.append(f"{line}{walked:>17}")
+    return [*lines, *_more(report)]
+
+
+def _distances(report: GaitReport) -> list[list[str]]:
+    """Lines of the distance along each axis and its error, by each method; none without."""
+    from imu_rig.report.numbers import MISSING, fixed
+
+    if report.known is None or not report.integrated:
+        return []
+    ways = ["raw", "calibrated", "smoother"] if report.compared else ["raw", "smoother"]
+    width = 18 if len(ways) == 3 else 24
+    tables = []
+    for axis, letter in enumerate(AXES):
+        head = "".join(f"{way + ' (error)':>{width}}" for way in ways)
+        known = fixed(float(report.known[axis]), 2)
+        lines = ["", f"  {letter} [m], known {known}".ljust(NAME_WIDTH + 2) + head]
+        for trial in report.trials[:MOST_TRIALS]:
+            found = {
+                "raw": _of(trial.uncalibrated),
+                "calibrated": _of(trial.calibrated),
+                "smoother": trial.ours,
+            }
+            line = f"  {one_line(trial.name, NAME_WIDTH - 1):{NAME_WIDTH}}"
+            for way in ways:
+                values, told = found[way], MISSING
+                if values is not None:
+                    error = fixed(float(values[axis] - report.known[axis]), 2, sign=True)
+                    told = f"{fixed(float(values[axis]), 2)} ({error})"
+                line += f"{told:>{width}}"
+            lines.append(line)
+        tables.append([*lines, *_more(report)])
+    return tables
+
+
+def _more(report: GaitReport) -> list[str]:
+    more = len(report.trials) - MOST_TRIALS
+    return [f"  ... and {more} more, in distances.csv"] if more > 0 else []
 
 
 def _of(found: WalkDistance | None) -> FloatArray | None:

@@ -293,7 +293,7 @@ def _notes(t: FloatArray, still: BoolArray, *, still_start: bool) -> list[str]:
     if longest > LONG_SWING_S:
         notes.append(
             f"No stance was found for {longest:.1f} s: the velocity went astray meanwhile, so that "
-            "the distance is not to be trusted; take a higher threshold, or another detector."
+            "the distance is not to be trusted; take another detector, or a higher threshold."
         )
     moving = ~(still[1:] & still[:-1])
     lost = np.diff(t)[moving & (np.diff(t) > GAP_S)]

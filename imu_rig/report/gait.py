@@ -13,7 +13,7 @@ from imu_rig.report import gait_figures, stride_figures
 from imu_rig.report.foot import told_with_sigma
 from imu_rig.report.gait_facts import GaitReport, GaitTrial
 from imu_rig.report.numbers import MISSING, counted, fixed
-from imu_rig.report.page import Html, card, document, element, facts, header, section, table
+from imu_rig.report.page import Html, card, document, element, facts, folded, header, section, table
 from imu_rig.report.stride_table import DECIMALS, SUMMARIZED, stride_table
 from imu_rig.report.svg import Figures, report_style
 from imu_rig.units import DEG
@@ -216,7 +216,7 @@ def _distances(
                 gait_figures.integration(
                     shown, other, None if report.known is None else float(report.known[0])
                 ),
-                f"{_first_up(trial.name)}: acceleration, velocity, distance",
+                f"Acceleration, velocity, distance of {trial.name}",
                 "Acceleration without gravity over the first strides, with the stance that the "
                 "detector found; velocity, which is set to zero there; distance over the whole "
                 "recording.",
@@ -230,21 +230,25 @@ def _distances(
             )
     text = (
         "Zero-velocity double integration: gravity is taken off by a gradient-descent attitude, "
-        "the velocity is zero in stance, and the position is its integral. The last column is the "
-        "default smoother on the calibrated readings, for comparison."
+        "the velocity is zero in stance, and the position is its integral. For comparison: the "
+        "default smoother on the same readings, calibrated where there is a certificate."
     )
+    doubts = [
+        element("li", f"{trial.name}, {doubt}") for trial in report.trials for doubt in trial.doubts
+    ]
+    doubted = []
+    if doubts:
+        why = folded(f"Why, in {counted(len(doubts), 'sentence')}", element("ul", *doubts))
+        doubted = [element("p", report.doubted), why]
     return [
         section(
             "Distance by double integration",
             element("p", text),
+            *doubted,
             *tables,
             element("div", *drawn.parts[begin:], class_="figures"),
         )
     ]
-
-
-def _first_up(name: str) -> str:
-    return name[:1].upper() + name[1:]
 
 
 def _axis_table(report: GaitReport, axis: AxisTable) -> Html:

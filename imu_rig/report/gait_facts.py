@@ -33,6 +33,9 @@ class GaitTrial:
     calibrated, uncalibrated : WalkDistance or None
         By zero-velocity double integration. None where it was not asked for, or impossible.
     notes : tuple of str
+        About the trial and its strides.
+    doubts : tuple of str
+        About its double integration.
     """
 
     name: str
@@ -41,6 +44,7 @@ class GaitTrial:
     calibrated: WalkDistance | None = None
     uncalibrated: WalkDistance | None = None
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,17 @@ class GaitReport:
             for note in trial.notes
         ]
         return [f"{name} is left out: {why}" for name, why in self.left_out] + notes
+
+    @property
+    def doubted(self) -> str:
+        """A sentence about the trials whose double integration is doubtful; empty without."""
+        count = sum(bool(trial.doubts) for trial in self.trials)
+        if not count:
+            return ""
+        return (
+            f"Double integration is not to be trusted in {count} of {len(self.trials)} trials, as "
+            "the velocity did not come back to zero or no stance was found."
+        )
 
     @property
     def integrated(self) -> list[GaitTrial]:

@@ -276,6 +276,13 @@ def test_distances_that_are_none(inside: Run, walked: Walked) -> None:
     for text in ("ten", "1,2", "nan", "1e9"):
         done = inside("analyze", "gait", walked.trial, "--distance", text, code=2)
         assert "is no distance" in done.stderr
+    for text in ("0", "-5,1,0"):
+        done = inside("analyze", "gait", walked.trial, "--distance", text, code=2)
+        assert "more than 0" in " ".join(done.stderr.split())
+    far = ("--sensor", "left-foot", "--distance", "32.8", "--no-files")  # of feet
+    told = " ".join(inside("analyze", "gait", walked.trial, *far).stdout.split())
+    assert "is that the distance of this trial, in metres?" in told
+    assert "x [m], known 32.80" in told
 
 
 def test_a_recording_without_gyroscope_is_refused(inside: Run, tmp_path: Path) -> None:
@@ -307,6 +314,8 @@ def test_a_trial_that_cannot_be_followed_is_left_out_of_the_others(
     )
     assert list(feet["errors"]) == [str(trial)]
     assert [list(one["feet"]) for one in feet["recordings"]] == [["left-foot", "right-foot"]]
-    both = json.loads(inside("analyze", "gait", walked.trial, trial, "--no-files", "--json").stdout)
+    both = json.loads(
+        inside("analyze", "gait", walked.trial, trial, "--no-files", "--json", code=2).stdout
+    )
     assert list(both["left_out"]) == ["shaken"]
     assert [one["trial"] for one in both["trials"]] == ["walk, left-foot", "walk, right-foot"]
