@@ -36,13 +36,13 @@ class StanceOptions:
     quiet_share : float
         Of the level of motion: no stance between strides is taken to be quieter [1]. It keeps the
         stand before a run from hiding the footfalls beside it, as it does in simulated walks with
-        nothing of the kind. From 3 percent on the gentle begin of a slide counts as rest, from 10
-        percent on swings of slow gait.
+        nothing of the kind. From 3 percent on the gentle begin of a slide counts as rest, from 20
+        percent on swings of slow gait and stairs.
     lowest, highest : float
         Bounds of the threshold [m/s]. Below 0.01 lies what a foot that stands with its owner's
         weight on it does by itself, and the noise of any sensor. Above 0.15 a heel is rising: the
         foot turns about its ball, faster than at 1.5 rad/s. In simulated walks at 0.5 to 1.3 m/s
-        the speed of a foot is a multiple of its motion from 0.06 to 0.15 on, as swings begin there,
+        the speed of a foot is a multiple of its motion from 0.04 to 0.15 on, as swings begin there,
         in runs from 0.25 on. Errors of strides are the same with any bound from 0.1 to 0.3.
     stand_s, gentle_s : float
         Of a stand longer than the first [s], which no stance of a stride is, the second [s] is left
