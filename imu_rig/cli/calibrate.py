@@ -82,6 +82,14 @@ def calibrate(
     simulate: Simulate = False,
     speed: Speed = 1.0,
     seed: Seed = 1,
+    worn: Annotated[
+        bool,
+        typer.Option(
+            "--worn",
+            help="With --simulate: the very sensor that imu-rig simulate walk carries under --name "
+            "with the same --seed.",
+        ),
+    ] = False,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -112,6 +120,8 @@ def calibrate(
     )
     if not simulate and fault:
         raise InputError("--fault needs --simulate: real hardware brings its own.")
+    if worn and not (simulate and name):
+        raise InputError("--worn needs --simulate, and --name for the device of the walk.")
     hardware = Hardware(
         imu, maestro, jig, layout, baud, maestro_device, maestro_crc, simulate, seed, speed, stream
     )
@@ -143,7 +153,9 @@ def calibrate(
         if simulate:
             from imu_rig.cli.simulated import FaultPlan, simulated_session, together
 
-            simulated = stack.enter_context(simulated_session(setup, seed=seed, speed=speed))
+            simulated = stack.enter_context(
+                simulated_session(setup, seed=seed, speed=speed, worn=name if worn else None)
+            )
             clock, setup = simulated.clock, simulated.setup
             if resume is not None:
                 simulated.mount_for(resume)

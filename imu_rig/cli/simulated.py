@@ -106,9 +106,17 @@ class SimulatedSession:
 
 @contextmanager
 def simulated_session(
-    setup: SessionSetup, *, seed: int, speed: float
+    setup: SessionSetup, *, seed: int, speed: float, worn: str | None = None
 ) -> Iterator[SimulatedSession]:
     """Serve a simulated rig and point a session at it.
+
+    Parameters
+    ----------
+    setup : SessionSetup
+    seed : int
+    speed : float
+    worn : str, optional
+        The sensor is that which a simulated walk of the same seed carries under this name.
 
     Raises
     ------
@@ -128,6 +136,11 @@ def simulated_session(
         config = RigConfig.speaking(setup.layout, seed, setup.stream)
     except ValueError as error:
         raise InputError(f"--simulate: {error}") from error
+    if worn is not None:
+        from simulators.walker.device import worn_sensor
+
+        sensor = worn_sensor(worn, config.imu, seed)
+        config = config.model_copy(update={"sensor": sensor})
     shortest, longest = config.firmware.burst_s
     bursts = {"burst_s": (shortest, max(longest, BURST_S * speed))}
     config = config.model_copy(

@@ -119,11 +119,7 @@ class CarriedDevice:
     ) -> None:
         check_kind(carried.kind)
         self.name, self.kind = carried.name, IMU_KINDS[carried.kind]
-        letters = [ord(letter) for letter in carried.name]
-        errors, noise, radio, inside, breeze = (
-            np.random.default_rng(child)
-            for child in np.random.SeedSequence([seed, *letters]).spawn(5)
-        )
+        errors, noise, radio, inside, breeze = _generators(carried.name, seed)
         self._radio = radio
         self.firmware = _firmware(self.kind, errors, exact)
         self._encoder: Encoder = self.kind.encoder(self.firmware, inside)
@@ -288,6 +284,29 @@ class _Ahead:
             means.field[rows],
         )
         return _Ahead(part, self.height[rows])
+
+
+def worn_sensor(name: str, kind: str, seed: int = 1) -> SensorModel:
+    """Return the sensor of a carried device, for who would calibrate it before or after the walk.
+
+    Parameters
+    ----------
+    name, kind : str
+        As of `Carried`, of a device with one unit.
+    seed : int
+        Of the walk.
+    """
+    errors = _generators(name, seed)[0]
+    _firmware(IMU_KINDS[kind], errors, exact=False)  # is drawn first
+    return _sensor(IMU_KINDS[kind], errors, exact=False)
+
+
+def _generators(name: str, seed: int) -> list[np.random.Generator]:
+    """Return what draws a device's errors, noise, radio, firmware and air."""
+    letters = [ord(letter) for letter in name]
+    return [
+        np.random.default_rng(child) for child in np.random.SeedSequence([seed, *letters]).spawn(5)
+    ]
 
 
 def _sensor(kind: ImuKind, rng: np.random.Generator, exact: bool) -> SensorModel:

@@ -272,6 +272,11 @@ def test_options_that_cannot_be_meant(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_sensor_of_a_walk_is_calibrated_by_its_name(inside: Run) -> None:
+    done = inside("calibrate", "--simulate", "--worn", code=2)
+    assert "--worn needs --simulate, and --name" in " ".join(done.stderr.split())
+
+
 def test_distances_that_are_none(inside: Run, walked: Walked) -> None:
     for text in ("ten", "1,2", "nan", "1e9"):
         done = inside("analyze", "gait", walked.trial, "--distance", text, code=2)

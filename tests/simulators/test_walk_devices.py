@@ -12,7 +12,7 @@ from imu_rig.altitude import altitude, pressure_at
 from imu_rig.units import DEG, STANDARD_GRAVITY
 from simulators.imu_kinds import IMU_KINDS
 from simulators.walker.air import weather
-from simulators.walker.device import Carried, CarriedDevice
+from simulators.walker.device import Carried, CarriedDevice, worn_sensor
 from simulators.walker.field import MagneticField, building_field
 from simulators.walker.path import Straight
 from simulators.walker.record import record_walk
@@ -71,6 +71,13 @@ def test_errors_are_those_of_the_kind_and_of_the_seed():
     assert 0.01 < wrong.max() < 1.5
     assert np.abs(unit.gyro[still].mean(axis=0)).max() < 6.0 * DEG
     assert one["right-foot"].units[0].place == "right-foot"
+
+
+def test_the_sensor_of_a_walk_can_be_had_for_its_calibration():
+    for name, kind in (("left-foot", "mpu9150"), ("right-foot", "xsens-mti")):
+        device = CarriedDevice(Carried(name, kind), Walker("level-10m"), 7)
+        assert device.sensors[""].model == worn_sensor(name, kind, 7)
+    assert worn_sensor("left-foot", "mpu9150", 8) != worn_sensor("left-foot", "mpu9150", 7)
 
 
 def test_two_units_of_one_receiver_are_at_foot_and_waist():
