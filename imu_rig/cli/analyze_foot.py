@@ -53,6 +53,7 @@ from imu_rig.foreign_text import one_line
 
 if TYPE_CHECKING:
     from imu_rig.cli.analyze_feet import Wanted
+    from imu_rig.reference.tables import AxisTable
     from imu_rig.report.foot_facts import FootReport
 
 REPORT_NAME = "report.html"
@@ -135,6 +136,7 @@ def foot(
     from imu_rig.cli.analyze_reference import ReferenceOptions
     from imu_rig.cli.analyze_source import Calibrating
     from imu_rig.cli.recordings import TableOptions
+    from imu_rig.cli.sessions import new_folder
 
     table = TableOptions(
         map_file, columns, rate, accel, gyro, time, accel_unit, gyro_unit, mag_unit, time_unit, mag
@@ -154,7 +156,10 @@ def foot(
     wanted = Wanted(
         table, tuple(sensor or ()), calibrating, way, local, beside, Bounds(straight, not separate)
     )
-    done = _Done(as_json=as_json)
+    together = None
+    if output is not None and len(files) > 1:
+        together = new_folder(output, (REPORT_NAME,)) / REPORT_NAME
+    done = _Done(as_json=as_json, together=together)
     for file in files:
         try:
             _analyse(file, wanted, done, output, several=len(files) > 1, writes=not no_files)
@@ -168,8 +173,9 @@ def foot(
 class _Done:
     """What was found of each recording, told as soon as that is known."""
 
-    def __init__(self, *, as_json: bool) -> None:
+    def __init__(self, *, as_json: bool, together: Path | None) -> None:
         self._as_json = as_json
+        self._together = together
         self._answers: list[dict[str, Any]] = []
         self._reports: list[FootReport] = []
         self._errors: dict[str, InputError] = {}
@@ -204,8 +210,12 @@ class _Done:
         from imu_rig.cli.analyze_show import reference_tables, show_tables
 
         tables = reference_tables(self._reports) if len(self._reports) > 1 else []
+        if self._together is not None and self._reports:
+            self._write_page(self._together, tables)
         if not self._as_json:
             show_tables(tables)
+            if self._together is not None and self._reports:
+                sys.stdout.write(f"  all together {self._together}\n")
         else:
             single = len(self._answers) == 1 and not self._errors
             answer: dict[str, Any] = self._answers[0] if single else {"recordings": self._answers}
@@ -216,6 +226,16 @@ class _Done:
             sys.stdout.write(json_text(answer) + "\n")
         if self._errors or any(report.left_out for report in self._reports):
             raise typer.Exit(InputError.exit_code)
+
+    def _write_page(self, path: Path, tables: list[AxisTable]) -> None:
+        """Write the page over all recordings."""
+        from imu_rig.report.foot_several import several_report
+        from imu_rig.report.page import write_report
+
+        failed = {Path(file).name: str(error) for file, error in self._errors.items()}
+        for report in self._reports:
+            failed |= {f"{report.recording}, {name}": why for name, why in report.left_out}
+        write_report(path, several_report(self._reports, tables, failed))
 
 
 def _analyse(

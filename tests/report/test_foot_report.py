@@ -17,6 +17,7 @@ from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.report import foot_figures, stride_figures
 from imu_rig.report.foot import foot_report, told_with_sigma
 from imu_rig.report.foot_facts import FootAnalysis, FootReport, Measured
+from imu_rig.report.foot_several import several_report
 from imu_rig.report.gait import gait_report
 from imu_rig.report.gait_facts import GaitReport, GaitTrial, along_the_walk
 from imu_rig.report.stride_table import stride_head, stride_rows
@@ -99,6 +100,12 @@ def test_a_report_of_two_feet_stands_alone_and_escapes_names() -> None:
     assert "Against the reference" in page
     assert ">reference<" in page
     assert "There is no stride" in page
+    assert "Both feet" in page
+    lost = replace(report, left_out=(("<i>third", "It is in a pocket."),))
+    assert "&lt;i&gt;third is left out" in foot_report(lost)
+    together = several_report([report], [], {"<i>lost": "It is empty."})
+    stands_alone(together)
+    assert "&lt;i&gt;lost: It is empty." in together
     assert page.count("<svg") == 8 + 5  # one plan for both, and no figures of no strides
     assert re.search(r"10\.40\d? ± ", page)  # 8 strides of 1.3 m, digits as sigma has them
 
