@@ -20,6 +20,7 @@ from imu_rig.gait.axes import (
     gravity_at_rest,
     sample_strides,
 )
+from imu_rig.gait.cut_off import cut_spans
 from imu_rig.gait.form import check_form
 from imu_rig.gait.stamps import spread_repeats
 from imu_rig.gait.stepping import check_track
@@ -57,10 +58,11 @@ LIKELY_G, LIKELY_MG = (0.5, 2.0), (500.0, 2000.0)
 ANY_REST = (0.4, 3.0)
 """Sizes of specific force in the quietest moments of a recording without any rest, over g."""
 
-MISSING_REFUSED = 0.05
-"""With a twentieth of the moving time in gaps, every other stride has one."""
+MISSING_REFUSED = 0.3
+"""With a third of the moving time in gaps, swings are guessed. What single lost samples leave open
+is in the uncertainty."""
 
-CUT_REFUSED, CUT_MUCH, CUT_LITTLE = 0.2, 0.05, 0.005
+CUT_REFUSED, CUT_MUCH, CUT_LITTLE = 0.5, 0.05, 0.005
 """With a fifth of the moving time beyond the range of the sensor, most of every strike or swing is
 lost. From a twentieth on, any contradiction of the sensors may come from there, and small ones
 sooner."""
@@ -223,7 +225,9 @@ def _check_gaps(block: ImuBlock, gaps: Gaps) -> list[str]:
                 "recording there and work out its parts"
             )
     moving = np.linalg.norm(block.gyro[:-1], axis=1) > TURNS
-    missing = float(gaps.length[swing].sum())
+    # The sample at the end of a gap stands for its own interval.
+    usual = float(np.median(np.diff(block.t)))
+    missing = float(np.maximum(gaps.length[swing] - usual, 0.0).sum())
     time = float(np.diff(block.t)[moving].sum())
     if missing > MISSING_REFUSED * time:
         raise DataError(
@@ -264,5 +268,7 @@ def _check_ranges(block: ImuBlock, holes: Holes) -> tuple[float, list[str]]:
         most = max(most, share)
         if share > CUT_REFUSED:
             raise DataError(f"{text}; set a wider range and record again")
-        notes.append(f"{text}: strides are less certain")
+        notes.append(
+            f"{text}, {cut_spans(block.t, clipping)}: lengths and heights there are uncertain"
+        )
     return most, notes

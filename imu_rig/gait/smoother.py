@@ -16,6 +16,7 @@ from imu_rig.gait.bias import GyroBias, fuse_gyro_bias, without_bias
 from imu_rig.gait.clocks import clock_doubt, compare_clocks, with_doubt
 from imu_rig.gait.coarse import coarse_inputs, joined_number, joined_rows
 from imu_rig.gait.covariance import track_covariance
+from imu_rig.gait.cut_off import with_cut_off
 from imu_rig.gait.filter_inputs import WIDE_BIAS, foot_inputs, foot_model, thinned
 from imu_rig.gait.fitness import check_track, inspect_recording
 from imu_rig.gait.footfalls import find_footfalls, merge_unmoved
@@ -122,13 +123,14 @@ def smooth_foot(
         *doubt.notes,
         *checked.notes,
         *track.notes,
-        *check_track(track, block, gravity=options.gravity, unseen=unseen),
+        *check_track(track, block, gravity=options.gravity, unseen=unseen, grade=believed),
     )
     if not covariance:
         return replace(track, notes=notes)
     uncertainty = track_covariance(
         track.trajectory, states, inputs, model, footfalls, bias, believed
     )
+    uncertainty = with_cut_off(uncertainty, checked.holes, track.trajectory, footfalls)
     uncertainty = with_doubt(uncertainty, doubt, track.trajectory, footfalls)
     return replace(track, notes=notes, covariance=widened(uncertainty, unseen, footfalls))
 

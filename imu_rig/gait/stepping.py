@@ -8,6 +8,7 @@ from imu_rig.arrays import BoolArray, FloatArray, IntArray
 from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.footfalls import runs
+from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.trajectory import FootTrack
 from imu_rig.gait.unseen import Unseen
 from imu_rig.kernels.columns import rotated
@@ -26,11 +27,13 @@ whose swings exceed `SPRINT_SWING` (root mean square, [m/s^2]), never rests and 
 SWING_EVERY = 7
 """So many samples of swings are one for their root mean square."""
 
-FORCED_SHARE, FORCED = 0.2, 0.03
+FORCED_SHARE, FORCED, TILTED, SLOW_S = 0.2, 0.03, 0.5, 2.0
 """Between two stances the integral of the acceleration is the change of velocity, except for what a
 smoother makes up for: 1 to 8 % of the highest speed in walks and runs, 16 % of a hand's width of
 slow sliding with an uncalibrated sensor. Where "at rest" is not true, it makes up for the motion
-itself: more than this share of the speed and this [m/s], by the upper quartiles of the strides."""
+itself: more than this share of the speed and this [m/s], by the upper quartiles of the strides.
+What bias and axes of a raw accelerometer let slip of gravity adds up through a slide that takes
+longer than `SLOW_S`; about half of it is made up for."""
 UNSEEN = 2.0
 """What readings may have missed, a strike between two samples for one, counts up to so many of its
 standard deviations."""
@@ -58,6 +61,7 @@ def check_track(
     *,
     gravity: float = STANDARD_GRAVITY,
     unseen: Unseen | None = None,
+    grade: SensorGrade | None = None,
 ) -> tuple[str, ...]:
     """Check what came out: whether it is the motion of a foot that steps.
 
@@ -71,6 +75,8 @@ def check_track(
         [m/s^2]
     unseen : Unseen, optional
         What the recording does not tell of the motion.
+    grade : SensorGrade, optional
+        Of the sensor, after what it showed.
 
     Returns
     -------
@@ -89,7 +95,9 @@ def check_track(
     accel = np.ascontiguousarray(block.accel, dtype=float)
     _require_rest(track, t, accel, gravity)
     missed = np.zeros(len(t)) if unseen is None else unseen.velocity
-    _require_consistent(track, t, accel, missed, gravity)
+    grade = SensorGrade() if grade is None else grade
+    tilted = TILTED * (grade.accel_bias + grade.accel_matrix * gravity)
+    _require_consistent(track, t, accel, missed, gravity, tilted)
     _require_steady(track, t, accel, np.ascontiguousarray(block.gyro, dtype=float))
     steps = np.diff(track.trajectory.position[rows], axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -134,7 +142,12 @@ def _require_rest(track: FootTrack, t: FloatArray, accel: FloatArray, gravity: f
 
 
 def _require_consistent(
-    track: FootTrack, t: FloatArray, accel: FloatArray, missed: FloatArray, gravity: float
+    track: FootTrack,
+    t: FloatArray,
+    accel: FloatArray,
+    missed: FloatArray,
+    gravity: float,
+    tilted: float,
 ) -> None:
     """Refuse where the velocity at the ends of strides is forced upon the accelerations."""
     rows = track.footfalls.quietest
@@ -156,7 +169,8 @@ def _require_consistent(
     most = float(np.percentile(np.linalg.norm(forced, axis=1), 75))
     variance = np.add.reduceat(np.square(missed[: rows[-1]]), rows[:-1])
     explained = UNSEEN * float(np.sqrt(np.percentile(variance, 75)))
-    if most > np.hypot(FORCED_SHARE * typical + FORCED, explained):
+    slipped = tilted * max(0.0, float(np.percentile(np.diff(t[rows]), 25)) - SLOW_S)
+    if most > np.sqrt((FORCED_SHARE * typical + FORCED) ** 2 + explained**2 + slipped**2):
         raise DataError(
             _NOT_A_FOOT.format(
                 f"where it seems to stand it moves on, by {most:.1f} m/s more or less than before"

@@ -89,7 +89,6 @@ CASES = {
     "time goes back": (lambda b: with_value(b, "t", 700, 5.0), "goes back at"),
     "one time": (lambda b: with_times(b, 0 * b.t), "same time"),
     "bursts": (lambda b: with_times(b, b.t[np.arange(len(b)) // 4 * 4]), "arrival in bursts"),
-    "gyroscope clipped": (lambda b: replace(b, gyro=b.gyro.clip(-4.3, 4.3)), "end of its range"),
     "a second missing": (lambda b: without(b, b.t[700], 1.0), "long enough for a step"),
 }
 
