@@ -26,14 +26,20 @@ from imu_rig.gait.footfalls import (
 )
 from imu_rig.gait.grade import SensorGrade
 from imu_rig.gait.level import FREE_M, level_strides
+from imu_rig.gait.live_checks import EarlyCheck, after_hidden, require_usable, stride_sigma
+from imu_rig.gait.live_strides import LiveState, LiveStride
 from imu_rig.gait.options import FootOptions
 from imu_rig.gait.start import first_attitude
 from imu_rig.gait.stills import find_stills, rough_gyro_bias
+from imu_rig.gait.stride_kinds import LONGEST_M
 from imu_rig.gait.trajectory import Footfalls
+from imu_rig.gait.unseen import Unseen, unseen_motion
 from imu_rig.gait.zero_velocity import ZeroVelocity
 from imu_rig.kernels.foot_filter import smooth_foot_states
 from imu_rig.kernels.foot_types import FootInputs, FootModel, FootState, FootStates
 from imu_rig.rotation import conjugate, multiply, to_matrix
+
+__all__ = ["LiveFoot", "LiveState", "LiveStride"]
 
 LOOK_EVERY_S = 0.05
 """So often strides are looked for [s]: a short part of their delay."""
@@ -63,60 +69,6 @@ LOST_S = 6.0
 """After a swing as long as this the stride is given up [s]: integration has drifted by a stride."""
 
 
-@dataclass(frozen=True)
-class LiveStride:
-    """One stride, from one stance of the foot to its next.
-
-    Attributes
-    ----------
-    begin_s, end_s : float
-        The quietest moments of the two stances, time of the sensor [s].
-    told_s : float
-        When it was known [s].
-    length : float
-        Between the two on the plan [m].
-    height : float
-        By which the second is higher [m].
-    turn : float
-        Of the foot about the vertical, counterclockwise from above [rad].
-    """
-
-    begin_s: float
-    end_s: float
-    told_s: float
-    length: float
-    height: float
-    turn: float
-
-    @property
-    def duration(self) -> float:
-        """From stance to stance [s]."""
-        return self.end_s - self.begin_s
-
-
-@dataclass(frozen=True, eq=False)
-class LiveState:
-    """The latest of a foot, by the forward filter.
-
-    Attributes
-    ----------
-    t : float
-        [s]
-    quaternion : shape (4,)
-        Sensor to navigation axes; the heading at the begin is arbitrary.
-    velocity, position : shape (3,)
-        [m/s, m]
-    stands : bool
-        Whether the foot stands.
-    """
-
-    t: float
-    quaternion: FloatArray
-    velocity: FloatArray
-    position: FloatArray
-    stands: bool
-
-
 @dataclass(frozen=True, eq=False)
 class _Look:
     """What is known of the samples kept, at one moment."""
@@ -124,6 +76,7 @@ class _Look:
     t: FloatArray
     inputs: FootInputs
     zero_velocity: ZeroVelocity
+    unseen: Unseen
 
 
 class LiveFoot:
@@ -136,6 +89,13 @@ class LiveFoot:
     options : FootOptions
     grade : SensorGrade or None
         What is known of the sensor; None: nothing.
+
+    Attributes
+    ----------
+    strides : int
+        That were told.
+    lost : int
+        That were not, as samples were missing in them, or nobody strides so far.
     """
 
     def __init__(
@@ -147,11 +107,15 @@ class LiveFoot:
         self.options = options
         self.grade = SensorGrade() if grade is None else grade
         self.strides = 0
+        self.lost = 0
+        self._check = EarlyCheck(self.options, self.grade)
+        self._refused: DataError | None = None
         self._kept = ImuBlock.empty()
         self._floor_sigma = np.empty(0)
         self._floor_step = np.empty(0)
         self._next_look = -np.inf
         self._bias = np.zeros(3)
+        self._begun = False
         self._model: FootModel | None = None
         self._state: FootState | None = None
         self._first = np.empty(0)
@@ -170,11 +134,15 @@ class LiveFoot:
         Raises
         ------
         DataError
-            If a reading is no number or time goes back; the block is not taken.
+            If a reading is no number or none of a sensor, or time goes back; the block is not
+            taken. After some strides, if they cannot be those of a foot with these units and axes:
+            nothing is taken any more.
         """
+        if self._refused is not None:
+            raise self._refused
         if not len(block):
             return []
-        self._require_usable(block)
+        require_usable(block, self._kept.t[-1:] if len(self._kept) else block.t[:1])
         told = []
         before = len(self._kept)
         self._keep(block)
@@ -182,9 +150,11 @@ class LiveFoot:
         while row < len(self._kept):
             if self._kept.t[row] >= self._next_look:
                 self._next_look = self._kept.t[row] + LOOK_EVERY_S
+                row -= self._begin_anew(row + 1)
                 stride = self._look(row + 1)
                 if stride is not None:
                     told.append(stride)
+                    self._look_back(stride.told_s)
                 row -= self._forget(row + 1)
             row += 1
         return told
@@ -204,14 +174,6 @@ class LiveFoot:
             bool(look.zero_velocity.still[-1]),
         )
 
-    def _require_usable(self, block: ImuBlock) -> None:
-        finite = all(np.isfinite(a).all() for a in (block.t, block.accel, block.gyro))
-        if not finite:
-            raise DataError("some samples are no numbers; leave them out: a gap is handled")
-        last = self._kept.t[-1:] if len(self._kept) else block.t[:1]
-        if (np.diff(np.concatenate((last, block.t))) < 0.0).any():
-            raise DataError("time goes back; begin a new LiveFoot after the sensor was restarted")
-
     def _keep(self, block: ImuBlock) -> None:
         plain = ImuBlock(
             np.asarray(block.t, dtype=float),
@@ -220,8 +182,16 @@ class LiveFoot:
             np.asarray(block.t, dtype=float),
         )
         self._kept = ImuBlock.concatenate([self._kept, plain])
+        self._check.keep(plain)
         self._floor_sigma = np.append(self._floor_sigma, np.full(len(block), np.inf))
         self._floor_step = np.append(self._floor_step, np.zeros(len(block)))
+
+    def _look_back(self, until: float) -> None:
+        try:
+            self._check.after(self.strides, until)
+        except DataError as error:
+            self._refused = error
+            raise
 
     def _look(self, n: int) -> LiveStride | None:
         """Return the stride that is complete with the first ``n`` samples kept, if one is."""
@@ -270,14 +240,36 @@ class LiveFoot:
             left = max(t[falls.quietest[k - 1]], t[falls.last[k - 1]] - STANDS_S)
             self._durations.append(float(t[falls.quietest[k]] - left))
 
+    def _begin_anew(self, n: int) -> int:
+        """Leave out what was before a gap that hides a swing; return how many samples.
+
+        Tilt and velocity after it are read from what follows, as at the begin; the bias is kept.
+        """
+        rows = after_hidden(self._kept[self._done : n])
+        if not len(rows):
+            return 0
+        row = self._done + int(rows[-1])
+        self.lost += self._anchor is not None
+        if self._state is not None:
+            self._bias = self._bias + self._state.gyro_bias
+        self._model, self._state, self._anchor = None, None, None
+        self._drop(row)
+        self._done = 0
+        return row
+
     def _begin(self, n: int) -> bool:
         """Read tilt and bias from the begin; False as long as it is too short."""
         t, accel = self._kept.t[:n], self._kept.accel[:n]
         if t[-1] - t[0] < START_S:
             return False
-        check_recording(self._kept[:n], gravity=self.options.gravity)
+        if not accel.any():
+            raise DataError("the accelerometer reads nothing but zeros; check its connection")
+        if not self._begun:
+            check_recording(self._kept[:n], gravity=self.options.gravity)
         gyro = self._kept.gyro[:n]
-        self._bias = rough_gyro_bias(find_stills(t, accel, gyro))
+        if not self._begun:
+            self._bias = rough_gyro_bias(find_stills(t, accel, gyro))
+            self._begun = True
         gyro = gyro - self._bias
         stance = detect_stance(t, accel, gyro, self.options.stance, self.options.gravity)
         self._first, quietest = first_attitude(t, accel, gyro, stance.statistic)
@@ -291,21 +283,16 @@ class LiveFoot:
         bias = self._bias if self._state is None else self._bias + self._state.gyro_bias
         rate = self._kept.gyro[:n]
         stance = detect_stance(t, accel, rate - bias, self.options.stance, self.options.gravity)
-        inputs = foot_inputs(t, accel, rate - self._bias, stance, self._first, self.options)
+        unseen = unseen_motion(self._kept[:n])
+        inputs = foot_inputs(t, accel, rate - self._bias, stance, self._first, self.options, unseen)
         inputs = inputs._replace(floor_sigma=self._floor_sigma[:n], floor_step=self._floor_step[:n])
-        return _Look(t, inputs, stance)
+        return _Look(t, inputs, stance, unseen)
 
     def _run(self, look: _Look, first: int, end: int, *, forward_only: bool = False) -> FootStates:
         """Filter the samples from ``first`` to before ``end``, going on from the state."""
-        rows = slice(first, end)
-        columns = {
-            name: getattr(look.inputs, name)[rows]
-            for name in FootInputs._fields
-            if name not in ("q0", "v0") and getattr(look.inputs, name) is not None
-        }
         assert self._model is not None
         return smooth_foot_states(
-            look.inputs._replace(**columns),
+            _rows(look.inputs, slice(first, end)),
             self._model,
             estimate_gyro_bias=True,
             forward_only=forward_only,
@@ -327,7 +314,8 @@ class LiveFoot:
             self._floor_step[quietest] = self.options.floor_walk_m if level else FREE_M
             look = self._seen(len(look.t))
         smoothed = self._run(look, self._done, len(look.t))
-        a, b = begin - self._done, quietest - self._done
+        done = self._done
+        a, b = begin - done, quietest - done
         way = smoothed.position[b] - smoothed.position[a]
         turned = to_matrix(multiply(smoothed.quaternion[b], conjugate(smoothed.quaternion[a])))
         turn = float(np.arctan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]))
@@ -335,14 +323,33 @@ class LiveFoot:
         self._anchor = quietest
         if np.linalg.norm(way) < UNMOVED_M and abs(turn) < UNTURNED:
             return None
+        length = float(np.hypot(way[0], way[1]))
+        if length > LONGEST_M:
+            self.lost += 1
+            return None
         self.strides += 1
         return LiveStride(
             begin_s=float(look.t[begin]),
             end_s=float(look.t[quietest]),
             told_s=float(look.t[-1]),
-            length=float(np.hypot(way[0], way[1])),
+            length=length,
             height=float(way[2]),
             turn=turn,
+            length_sigma=self._sigma(look, smoothed, a, b, done),
+        )
+
+    def _sigma(self, look: _Look, smoothed: FootStates, a: int, b: int, done: int) -> float:
+        rows = slice(done, len(look.t))
+        assert self._model is not None
+        return stride_sigma(
+            look.t[rows],
+            smoothed,
+            _rows(look.inputs, rows),
+            self._model,
+            (a, b),
+            self._bias + smoothed.gyro_bias[-1],
+            self.grade,
+            look.unseen[rows],
         )
 
     def _stand_on(self, look: _Look, last: int) -> None:
@@ -370,10 +377,23 @@ class LiveFoot:
         drop = int(np.searchsorted(t, t[begin] - CONTEXT_S))
         if drop == 0:
             return 0
-        self._kept = self._kept[drop:]
-        self._floor_sigma = self._floor_sigma[drop:]
-        self._floor_step = self._floor_step[drop:]
+        self._drop(drop)
         self._done -= drop
         if self._anchor is not None:
             self._anchor -= drop
         return drop
+
+    def _drop(self, rows: int) -> None:
+        self._kept = self._kept[rows:]
+        self._floor_sigma = self._floor_sigma[rows:]
+        self._floor_step = self._floor_step[rows:]
+
+
+def _rows(inputs: FootInputs, rows: slice) -> FootInputs:
+    """Return some samples of the inputs."""
+    columns = {
+        name: getattr(inputs, name)[rows]
+        for name in FootInputs._fields
+        if name not in ("q0", "v0") and getattr(inputs, name) is not None
+    }
+    return inputs._replace(**columns)

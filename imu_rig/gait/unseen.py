@@ -102,6 +102,10 @@ class Unseen:
     velocity: FloatArray
     place: FloatArray
 
+    def __getitem__(self, rows: slice) -> Unseen:
+        """Return some of the samples."""
+        return Unseen(self.turn[rows], self.velocity[rows], self.place[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Holes:

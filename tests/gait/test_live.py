@@ -2,6 +2,7 @@
 
 import re
 import runpy
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from imu_rig.blocks import ImuBlock
 from imu_rig.errors import DataError
 from imu_rig.gait.live import LOST_S, LiveFoot
 from imu_rig.gait.smoother import smooth_foot
+from imu_rig.units import DEG
 from simulators.walker.device import Carried
 from simulators.walker.path import Straight, Turn
 from simulators.walker.record import record_walk
@@ -122,6 +124,69 @@ def test_what_cannot_be_used_is_refused_and_not_taken(walk):
     assert foot.update(block[50:60]) == []
     with pytest.raises(DataError, match="--accel-unit g"):
         LiveFoot().update(ImuBlock(block.t, block.accel / 9.8, block.gyro, block.t))
+
+
+def test_lengths_are_as_sure_as_they_say(walk, told):
+    """A sensor without errors is within what one that nobody calibrated is told to be."""
+    block, position = walk
+    for stride in told:
+        a, b = np.searchsorted(block.t, [stride.begin_s, stride.end_s])
+        true = np.hypot(*(position[b] - position[a])[:2])
+        assert abs(stride.length - true) < 2.0 * stride.length_sigma
+        assert 0.003 < stride.length_sigma < 0.05
+
+
+def test_a_short_gap_makes_a_stride_less_certain_and_a_long_one_leaves_it_out(walk, told):
+    block, position = walk
+    middle = [s for s in told if s.length > 0.8][2]
+    at = middle.end_s - 0.35
+    short = LiveFoot().update(block[(block.t < at) | (block.t > at + 0.1)])
+    same = min(short, key=lambda s: abs(s.end_s - middle.end_s))
+    assert same.length_sigma > 1.2 * middle.length_sigma
+    assert abs(same.length - middle.length) < 3.0 * same.length_sigma
+    foot = LiveFoot()
+    long = foot.update(block[(block.t < at - 0.2) | (block.t > at + 0.3)])
+    assert 1 <= foot.lost <= 2
+    assert len(told) - 2 <= len(long) <= len(told) - 1
+    for stride in long:
+        a, b = np.searchsorted(block.t, [stride.begin_s, stride.end_s])
+        assert stride.length == pytest.approx(np.hypot(*(position[b] - position[a])[:2]), abs=0.03)
+    pieces = LiveFoot()
+    kept = block[(block.t < at - 0.2) | (block.t > at + 0.3)]
+    again = [s for row in range(0, len(kept), 7) for s in pieces.update(kept[row : row + 7])]
+    assert again == long
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda gyro: gyro / DEG, "deg/s"),
+        (lambda gyro: gyro * DEG, "unit"),
+        (lambda gyro: gyro * [1.0, -1.0, 1.0], "."),
+    ],
+)
+def test_wrong_units_and_axes_are_refused_after_some_strides(walk, change, told):
+    block, _ = walk
+    foot = LiveFoot()
+    with pytest.raises(DataError, match=told):
+        foot.update(replace(block, gyro=change(block.gyro)))
+    assert foot.strides <= 10
+
+
+def test_readings_of_no_sensor_are_refused_at_any_time(walk):
+    block, _ = walk
+    foot = LiveFoot()
+    foot.update(block[:800])
+    for name in ("accel", "gyro"):
+        broken = getattr(block, name)[800:820].copy()
+        broken[3, 1] = 1e30
+        with pytest.raises(DataError, match="no sensor"):
+            foot.update(replace(block[800:820], **{name: broken}))
+    with pytest.raises(DataError, match="shape"):
+        foot.update(replace(block[800:820], accel=block.accel[800:820, :2]))
+    foot.update(block[800:820])
+    with pytest.raises(DataError, match="nothing but zeros"):
+        LiveFoot().update(replace(block, accel=0.0 * block.accel))
 
 
 def test_the_example_of_the_description_runs(walk, told, tmp_path, capsys):
