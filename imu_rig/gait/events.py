@@ -3,9 +3,14 @@
 As long as a foot touches the ground it turns about a point of itself: heel, ball or toes. That
 point lies below the sensor and no farther away than the foot is long, so the sensor goes no faster
 than the foot turns, times that reach. A foot in the air is faster, or hangs from knee and hip and
-turns about a point above the sensor. This holds for any mounting, walking or running, on stairs and
-slopes, and asks for no threshold of a person. On simulated feet it lies within 30 ms of the truth
-in walking, 40 ms late at the toe-off of a runner, whose foot whirls while it leaves.
+turns about a point above the sensor. This holds for any mounting, walking or running, on stairs
+and slopes, and asks for no threshold of a person.
+
+The reach is that of a long foot. A heel is nearer to the sensor, so that contacts come early: by 15
+to 21 ms on simulated feet at any pace, and alike from step to step within 2 ms. Toe-off lies 13 ms
+early in a shuffle, right in walking, and 40 ms late in a run, when the foot whirls while it leaves,
+with 3 to 12 ms from step to step. A runner's stance so seems longer by 7 % of the stride than its
+31 to 35 %.
 """
 
 from __future__ import annotations

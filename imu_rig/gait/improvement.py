@@ -54,20 +54,22 @@ class AxisTable:
 
     @property
     def mean(self) -> float:
-        """Mean improvement, as the paper states it [%]."""
-        return float(np.mean(self.improvement))
+        """Mean improvement, as the paper states it [%], of the trials that had an error."""
+        return float(np.mean(self._known)) if len(self._known) else float("nan")
 
     @property
     def sd(self) -> float:
         """Sample standard deviation of the improvement [%]; NaN of a single trial."""
-        if len(self.reference) < 2:
-            return float("nan")
-        return float(np.std(self.improvement, ddof=1))
+        return float(np.std(self._known, ddof=1)) if len(self._known) > 1 else float("nan")
 
     @property
     def median(self) -> float:
         """Median improvement [%], which single trials do not move."""
-        return float(np.median(self.improvement))
+        return float(np.median(self._known)) if len(self._known) else float("nan")
+
+    @property
+    def _known(self) -> FloatArray:
+        return self.improvement[np.isfinite(self.improvement)]
 
     @property
     def pooled(self) -> float:

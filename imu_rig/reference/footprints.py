@@ -78,7 +78,9 @@ class StrideComparison:
 
     @property
     def distance_percent(self) -> float:
-        """Error of the distance [%]."""
+        """Error of the distance [%]; NaN where the true one is none."""
+        if not self.true_distance:
+            return float("nan")
         return 100.0 * (self.distance / self.true_distance - 1.0)
 
     def to_dict(self) -> dict[str, Any]:
@@ -91,7 +93,7 @@ class StrideComparison:
             **{name: None if np.isnan(v) else v for name, v in figures.items()},
             "distance_m": self.distance,
             "true_distance_m": self.true_distance,
-            "distance_percent": self.distance_percent,
+            "distance_percent": None if not self.true_distance else self.distance_percent,
         }
 
     def lines(self) -> list[str]:
@@ -120,11 +122,16 @@ def compare_footprints(strides: Strides, footprints: Footprints) -> StrideCompar
     Raises
     ------
     DataError
-        Fewer than two footprints.
+        Fewer than two footprints, or all at one place.
     """
     true = footprints.stride_lengths
     if not len(true):
         raise DataError("a comparison needs two footprints or more")
+    if not true.any():
+        raise DataError(
+            f"all {len(footprints)} footprints are at one place; give where the foot came down, in "
+            "metres"
+        )
     taken = strides.length[strides.kind != SHIFT]
     paired = len(taken) == len(true)
     return StrideComparison(

@@ -43,6 +43,12 @@ def test_each_trial_may_have_its_own_distance_and_errors_may_grow():
     assert np.isnan(compare_trials(known[0], [(9.0, 1.0, 1.0)], [(9.5, 1.0, 1.0)]).axes[0].sd)
 
 
+def test_a_trial_without_an_error_is_left_out_of_the_mean():
+    y = compare_trials((10.0, 0.0, 0.0), [(9, 0, 1), (9, 2, 1), (9, 4, 1)], [(9, 1, 1)] * 3).axes[1]
+    assert y.mean == y.median == pytest.approx(62.5)
+    assert y.sd == pytest.approx(12.5 * np.sqrt(2.0))
+
+
 @pytest.mark.parametrize(
     ("reference", "before", "after", "sentence"),
     [

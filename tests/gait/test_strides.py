@@ -136,6 +136,24 @@ def test_contact_and_toe_off_are_found_within_30_ms(pieces, speed):
     assert events.contact == pytest.approx([fall.contact for fall in falls[1:]], abs=0.03)
 
 
+@pytest.mark.parametrize(("speed", "late"), [(0.5, -0.013), (1.3, 0.0), (3.0, 0.04)])
+def test_events_err_alike_as_their_description_says(speed, late):
+    """Contacts are early at every pace, toe-offs from early to late; what is left is small."""
+    walker = walk_of(Straight(6.0 * max(speed, 1.0)), speeds=(speed,))
+    track = true_track(walker)
+    events, falls = find_contacts(track.trajectory, track.footfalls), walker.falls[0]
+    contact = events.contact - [fall.contact for fall in falls[1:]]
+    toe_off = events.toe_off - [fall.toe_off for fall in falls[:-1]]
+    assert contact.mean() == pytest.approx(-0.018, abs=0.005)
+    assert contact.std() < 0.003
+    assert toe_off.mean() == pytest.approx(late, abs=0.006)
+    assert toe_off.std() < 0.014
+    true = np.array([[fall.contact, fall.toe_off] for fall in falls[1:]])
+    share = (true[:-1, 1] - true[:-1, 0]) / np.diff(true[:, 0])
+    found = summarize(gait_parameters(track))["stance_share"].mean
+    assert found == pytest.approx(share.mean(), abs=0.08 if speed > 2.0 else 0.02)
+
+
 def test_equal_time_stamps_are_survived(track):
     """Some loggers repeat a stamp."""
     trajectory = track.trajectory

@@ -83,6 +83,11 @@ def test_one_footprint_is_no_stride(strides):
         compare_footprints(strides, Footprints(np.zeros((1, 2))))
 
 
+def test_footprints_at_one_place_are_refused(strides):
+    with pytest.raises(DataError, match="at one place"):
+        compare_footprints(strides, Footprints(np.zeros((3, 2))))
+
+
 def test_a_heel_marker_has_the_same_strides_as_the_sensor(walker, strides):
     """Far from the sensor, in axes of its own, at 50 Hz and lost at times."""
     t = np.arange(0.0, walker.end_s, 0.02)
