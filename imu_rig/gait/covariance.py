@@ -25,9 +25,10 @@ LEAST_FACTOR = 0.001
 """Of the variances of noise: a thirtieth of the noise that the smoother allows for. It allows for
 feet that slip and sensors that lag; where innovations show neither, that much may still be."""
 
-LEAST_VELOCITY = 0.005
-"""A foot that stands moves inside of its shoe, and a shoe is not rigid: what the zero-velocity
-updates trust at best [m/s]."""
+LEAST_VELOCITY = 0.001, 0.005
+"""A foot that stands moves inside of its shoe, and a shoe is not rigid: about as fast as the sensor
+still turns times its height, between these bounds [m/s]. The upper one is what the zero-velocity
+updates trust at best."""
 
 LEAST_PLACE = 0.005
 """So far does a foot come to rest from where it seemed to: floors are not level, soles not flat,
@@ -105,7 +106,8 @@ def track_covariance(
     )
     values = (factor * random + constant @ constant.transpose(0, 2, 1))[place]
     least = np.zeros(9)
-    least[3:6], least[6:9] = LEAST_VELOCITY**2, LEAST_PLACE**2
+    least[3:6] = _creep(inputs.gyro - states.gyro_bias, footfalls, states.pivot) ** 2
+    least[6:9] = LEAST_PLACE**2
     values += np.diag(least)
     places = constant[at_falls, 6:9].transpose(0, 2, 1)
     common = places[1:] - places[:-1]
@@ -146,6 +148,14 @@ def variance_factor(nis: FloatArray, footfalls: Footfalls) -> float:
     seen = nis[footfalls.quietest]
     seen = seen[np.isfinite(seen)]
     return max(LEAST_FACTOR, float(np.mean(seen))) if len(seen) else 1.0
+
+
+def _creep(rate: FloatArray, footfalls: Footfalls, pivot: FloatArray) -> float:
+    """Return how fast a standing foot moves, as it turns, where it does so least [m/s]."""
+    if len(footfalls) == 0:
+        return LEAST_VELOCITY[1]
+    turning = float(np.median(np.linalg.norm(rate[footfalls.quietest], axis=1)))
+    return float(np.clip(turning * np.linalg.norm(pivot), *LEAST_VELOCITY))
 
 
 def _measured(inputs: FootInputs, model: FootModel, states: FootStates) -> FloatArray:

@@ -152,7 +152,7 @@ def _check_gravity(block: ImuBlock, stills: Stills, gravity: float) -> list[str]
             way = "much" if ratio > 1.0 else "little"
             return [
                 f"at rest the accelerometer reads {100 * abs(ratio - 1.0):.1f} % too {way}; "
-                "distances may be wrong by as much: calibrate the sensor"
+                "uncertainties allow for a sensor that was not calibrated: calibrate it"
             ]
         return []
     for unit, (low, high) in (("g", LIKELY_G), ("mg", LIKELY_MG)):

@@ -63,9 +63,7 @@ PARTS = {"tilt": (0, 1), "yaw": (2,), "velocity": (3, 4, 5), "position": (6, 7, 
 SWING_MS = 0.2
 """A foot that is faster than this swings [m/s]."""
 
-JUDGED = ("tilt", "yaw", "swing", "position")
-"""Velocity is judged while the foot moves: at rest the published one has a floor that stands for
-shoes, and simulated feet wear none."""
+JUDGED = ("tilt", "yaw", "velocity", "position")
 
 NEES = (0.3, 2.0)
 
@@ -343,7 +341,11 @@ def study_sprints(
 
 
 def study_nees(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
-    """Score the published covariance, of sensors of which nothing and of which all is known."""
+    """Score the published covariance, of sensors of which nothing and of which all is known.
+
+    Judged grade by grade where the grade is known. Of one of which nothing is known, more is
+    allowed for than simulated sensors do: gains of a half percent, and clocks apart by 3 ms.
+    """
     good = True
     for title, what in (("nothing known", lambda _: None), ("with a certificate", known)):
         everything: list[dict[str, float]] = []
@@ -359,9 +361,10 @@ def study_nees(seeds: int, sensors: int, grades: Sequence[str]) -> bool:
                 scores.append(nees_of(track, shape.truth))
             everything += scores
             print(f"{title:18s} {grade:7s} {_nees_line(scores)}", flush=True)
+            if what is known:
+                means = {part: np.mean([score[part] for score in scores]) for part in JUDGED}
+                good &= all(NEES[0] <= mean <= NEES[1] for mean in means.values())
         print(f"{title:18s} all     {_nees_line(everything)}", flush=True)
-        means = {part: np.mean([score[part] for score in everything]) for part in JUDGED}
-        good &= all(NEES[0] <= mean <= NEES[1] for mean in means.values())
     return good
 
 
