@@ -23,6 +23,9 @@ sensor with an honest uncertainty does once in 400 recordings, and what no sound
 ANOTHER_WALK, ANOTHER_CLOCK = 0.2, 0.05
 """Where the best turn and shift leave more than this share of the reference's own spread, or the
 distances differ by more, the two are hardly of one walk, or of one clock [1]."""
+SLIP = 3.0
+"""A foot's errors change over seconds: where 1 % of the places is farther off than all others by
+this factor, the reference slipped."""
 SEARCHED_S, MUCH_BETTER = 30.0, 0.3
 """So far another clock is looked for [s], which must leave no more than this share."""
 
@@ -93,6 +96,24 @@ def aligned(track: FootTrack, reference: Reference, options: ReferenceOptions) -
         if "time offset" not in str(error) or options.search_s:
             raise
         raise DataError(f"{str(error).rstrip('.')} with --search-offset SECONDS") from error
+
+
+def horizontal_words(found: Alignment) -> str:
+    """Tell the errors on the plan; a few places far beyond all others are the reference's own."""
+    import numpy as np
+
+    from imu_rig.report.numbers import fixed
+
+    size = np.linalg.norm(found.errors[:, :2], axis=1)
+    most, nearly = float(size.max()), float(np.percentile(size, 99.0))
+    text = f"{fixed(found.rmse_horizontal, 3)} m RMSE, {fixed(most, 3)} m at most"
+    if most <= SLIP * nearly:
+        return text
+    when = found.t[int(np.argmax(size))] + found.time_offset
+    return (
+        f"{text} at {fixed(float(when), 1)} s, where the optics seem to slip: {fixed(nearly, 3)} m "
+        "in 99 % of the places"
+    )
 
 
 def misplaced(

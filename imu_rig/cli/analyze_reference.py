@@ -125,6 +125,7 @@ def beside_reference(
         about_signs,
         aligned,
         distance_words,
+        horizontal_words,
         misplaced,
     )
     from imu_rig.errors import DataError
@@ -155,11 +156,7 @@ def beside_reference(
         doubts += contradictions
         figures["strides"] = compared.to_dict()
     rows += [
-        (
-            "Horizontal",
-            f"{fixed(found.rmse_horizontal, 3)} m RMSE, {fixed(found.largest_horizontal, 3)} m at "
-            "most",
-        ),
+        ("Horizontal", horizontal_words(found)),
         ("Vertical", f"{fixed(found.rmse_vertical, 3)} m RMSE"),
         ("Axes of the reference", f"x {fixed(x, 3)}, y {fixed(y, 3)}, z {fixed(z, 3)} m RMSE"),
         ("End", f"{fixed(found.closure, 3)} m apart, if both begin at one place"),
