@@ -15,6 +15,11 @@ CELL_S = 0.25
 """Windows are two neighbouring cells of this length: half a second, longer than any stance of a
 brisk walk is quiet."""
 
+SETTLING_CELLS = 6
+"""Whoever stands sets out so gently that it shows only after a while, and comes to rest likewise: of
+so many cells, 1.5 s, or more the one next to a motion is left out. The accelerometer would take the
+gentle beginning for a tilt, and the gyroscope that does not see any for biased."""
+
 QUIET_RATE = 1.2 * DEG
 QUIET_FORCE = 0.1
 """Standard deviations of a foot that stands [rad/s, m/s^2], without the sensor's own noise: a
@@ -134,6 +139,7 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
     rate_noise = _noise(gyro)
     quiet = _quiet_cells(cells, rate_noise, _noise(accel))
     first, last = runs(quiet)
+    first, last = _settled(first, last, len(quiet))
     longer = last > first
     first, last = first[longer], last[longer]
     if len(first) == 0:
@@ -256,6 +262,12 @@ def _quiet_cells(cells: _Cells, rate_noise: float, force_noise: float) -> BoolAr
     quiet[:-1] |= window
     quiet[1:] |= window
     return quiet
+
+
+def _settled(first: IntArray, last: IntArray, number: int) -> tuple[IntArray, IntArray]:
+    """Return where stills begin and end, of ``number`` cells, without the ends of long ones."""
+    long = last - first + 1 >= SETTLING_CELLS
+    return first + (long & (first > 0)), last - (long & (last < number - 1))
 
 
 def _noise(readings: FloatArray) -> float:

@@ -29,7 +29,7 @@ def test_the_smoother_follows_the_half_circle_and_the_filters_do_not(board):
 
 def test_the_default_smoother_follows_the_half_circle_as_well():
     track = smooth_foot(study.carried("half-circle", 2).block)
-    assert study.from_the_arc(track.trajectory, turn=True) < 0.005
+    assert study.from_the_arc(track.trajectory, turn=True) < 0.003
 
 
 def test_50_m_come_out_as_published_because_the_sensor_clips(straight):

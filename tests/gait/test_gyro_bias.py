@@ -50,6 +50,17 @@ def test_a_tilt_of_the_standing_foot_is_not_taken_for_a_bias():
     np.testing.assert_allclose(stills.rate @ level, np.tile(level @ BIAS, (2, 1)), atol=0.06 * DEG)
 
 
+def test_who_sets_out_gently_is_not_taken_for_a_tilting_foot():
+    """A sensor slid over a table from 4 s on, whose acceleration grows by 0.5 m/s^2 a second."""
+    t, accel, gyro = recording(moving=(4.3, 8.0))
+    along = np.cross(UP, [0.0, 0.0, 1.0])
+    slides = np.clip(t - 4.0, 0.0, 0.3) * (t < 8.0)
+    stills = find_stills(t, accel + 0.5 * slides[:, np.newaxis] * along, gyro)
+    level = np.eye(3) - np.outer(UP, UP)
+    off = np.linalg.norm((stills.rate - BIAS) @ level, axis=1)
+    assert np.all(off < 2.0 * np.sqrt(2.0) * stills.tilt_sigma)
+
+
 def test_a_noisy_sensor_has_stills_too():
     assert len(find_stills(*recording(noise=2.0 * DEG))) == 2
 
