@@ -25,7 +25,7 @@ LEAST_FACTOR = 0.001
 """Of the variances of noise: a thirtieth of the noise that the smoother allows for. It allows for
 feet that slip and sensors that lag; where innovations show neither, that much may still be."""
 
-LEAST_VELOCITY = 0.001, 0.005
+LEAST_VELOCITY = 0.0005, 0.005
 """A foot that stands moves inside of its shoe, and a shoe is not rigid: about as fast as the sensor
 still turns times its height, between these bounds [m/s]. The upper one is what the zero-velocity
 updates trust at best."""

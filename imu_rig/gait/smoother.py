@@ -116,7 +116,7 @@ def smooth_foot(
     if checked.strides is not None:
         strides = replace(checked.strides, bias=bias.value)
         clocks = compare_clocks(strides, believed, options.gravity)
-    doubt = clock_doubt(clocks, believed)
+    doubt = clock_doubt(clocks, believed, misfit)
     believed = replace(believed, late_s=abs(doubt.late_s))
     notes = (
         *((ANOTHER,) if contradicts(grade, misfit, options.gravity) else ()),
