@@ -16,8 +16,8 @@ CELL_S = 0.25
 brisk walk is quiet."""
 
 SETTLING_CELLS = 6
-"""Whoever stands sets out so gently that it shows only after a while, and comes to rest likewise: of
-so many cells, 1.5 s, or more the one next to a motion is left out. The accelerometer would take the
+"""Who stands sets out so gently that it shows only after a while, and comes to rest likewise: of so
+many cells, 1.5 s, or more the one next to a motion is left out. The accelerometer would take the
 gentle beginning for a tilt, and the gyroscope that does not see any for biased."""
 
 QUIET_RATE = 1.2 * DEG
