@@ -16,15 +16,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from imu_rig.gait.live import LiveFoot
     from imu_rig.gait.smoother import smooth_foot
     from imu_rig.gait.strides import gait_parameters
     from imu_rig.recording.reader import Trial, open_trial
 
 __version__ = "0.1.0"
 
-__all__ = ["Trial", "__version__", "gait_parameters", "open_trial", "smooth_foot"]
+__all__ = ["LiveFoot", "Trial", "__version__", "gait_parameters", "open_trial", "smooth_foot"]
 
 _HOMES = {
+    "LiveFoot": "imu_rig.gait.live",
     "Trial": "imu_rig.recording.reader",
     "gait_parameters": "imu_rig.gait.strides",
     "open_trial": "imu_rig.recording.reader",
