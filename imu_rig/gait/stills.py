@@ -15,10 +15,10 @@ CELL_S = 0.25
 """Windows are two neighbouring cells of this length: half a second, longer than any stance of a
 brisk walk is quiet."""
 
-SETTLING_CELLS = 6
-"""Who stands sets out so gently that it shows only after a while, and comes to rest likewise: of so
-many cells, 1.5 s, or more the one next to a motion is left out. The accelerometer would take the
-gentle beginning for a tilt, and the gyroscope that does not see any for biased."""
+SETTLING_CELLS, APART = 6, 2.0
+"""Who stands sets out so gently that it shows only after a while, and comes to rest likewise: the
+accelerometer takes that for a tilt, which the gyroscope does not see. Of so many cells, 1.5 s, or
+more the first or last is left out where the two differ by so many times `TILT_SIGMA`."""
 
 QUIET_RATE = 1.2 * DEG
 QUIET_FORCE = 0.1
@@ -139,7 +139,7 @@ def find_stills(t: FloatArray, accel: FloatArray, gyro: FloatArray) -> Stills:
     rate_noise = _noise(gyro)
     quiet = _quiet_cells(cells, rate_noise, _noise(accel))
     first, last = runs(quiet)
-    first, last = _settled(first, last, len(quiet))
+    first, last = _settled(cells, first, last)
     longer = last > first
     first, last = first[longer], last[longer]
     if len(first) == 0:
@@ -264,10 +264,22 @@ def _quiet_cells(cells: _Cells, rate_noise: float, force_noise: float) -> BoolAr
     return quiet
 
 
-def _settled(first: IntArray, last: IntArray, number: int) -> tuple[IntArray, IntArray]:
-    """Return where stills begin and end, of ``number`` cells, without the ends of long ones."""
-    long = last - first + 1 >= SETTLING_CELLS
-    return first + (long & (first > 0)), last - (long & (last < number - 1))
+def _settled(cells: _Cells, first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
+    """Return where stills begin and end, without those ends of long ones that set out gently."""
+    begin, end = first.copy(), last.copy()
+    rows = np.flatnonzero(last - first + 1 >= SETTLING_CELLS)
+    if len(rows) == 0:
+        return begin, end
+    a, b = first[rows], last[rows]
+    up = cells.force / np.linalg.norm(cells.force, axis=1, keepdims=True)
+    swept = cells.rate / cells.count[:, np.newaxis] * cells.duration[:, np.newaxis]
+    # From cell to cell: what the gyroscope says of a turn less what the accelerometer does.
+    off = 0.5 * (swept[1:] + swept[:-1]) - np.cross(up[1:], up[:-1])
+    off -= np.einsum("ij,ij->i", off, up[1:])[:, np.newaxis] * up[1:]
+    inner = _over(off, a + 1, b - 2) / (b - a - 2)[:, np.newaxis]
+    begin[rows] += np.linalg.norm(off[a] - inner, axis=1) > APART * TILT_SIGMA
+    end[rows] -= np.linalg.norm(off[b - 1] - inner, axis=1) > APART * TILT_SIGMA
+    return begin, end
 
 
 def _noise(readings: FloatArray) -> float:
