@@ -164,7 +164,6 @@ def test_a_session_survives_or_stops_safely(
     tmp_path: Path,
     clock: ScaledClock,
     rig: SimulatedRig,
-    device: str,
     word: str,
     situation: tuple[str, str, bool],
 ) -> None:
