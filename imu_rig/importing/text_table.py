@@ -109,8 +109,7 @@ def detect_form(
     form = Form(best[0], best[1], 0, 0, None, ())
     if _numbers_per_line(tail, *best) < fewest:
         raise InputError(
-            f"{path} holds no table of numbers with {_NUMERALS[fewest]} or more: "
-            f"{tail[-1][:60]!r}"
+            f"{path} holds no table of numbers with {_NUMERALS[fewest]} or more: {tail[-1][:60]!r}"
         )
     counts = Counter(len(form.split(line)) for line in tail)
     columns = counts.most_common(1)[0][0]
