@@ -260,13 +260,11 @@ def _check_phases(block: ImuBlock, still: BoolArray, found: ZeroVelocity) -> Non
         least = float(np.min(found.statistic))
         raise DataError(
             f"the foot never stands by this detector, whose statistic is {least:.3g} at least and "
-            f"must be below {float(found.threshold[0]):.3g}; take a higher threshold, or another "
-            "detector"
+            f"must be below {float(found.threshold[0]):.3g}; take another detector"
         )
     if still.all():
         raise DataError(
-            "the foot never swings by this detector; take a lower threshold, or a recording of a "
-            "walk"
+            "the foot never swings by this detector; take another one, or a recording of a walk"
         )
 
 
@@ -293,7 +291,7 @@ def _notes(t: FloatArray, still: BoolArray, *, still_start: bool) -> list[str]:
     if longest > LONG_SWING_S:
         notes.append(
             f"No stance was found for {longest:.1f} s: the velocity went astray meanwhile, so that "
-            "the distance is not to be trusted; take another detector, or a higher threshold."
+            "the distance is not to be trusted; take another detector."
         )
     moving = ~(still[1:] & still[:-1])
     lost = np.diff(t)[moving & (np.diff(t) > GAP_S)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imu_rig.arrays import BoolArray, FloatArray, IntArray
+from imu_rig.arrays import BoolArray, FloatArray
 from imu_rig.kernels.blocks3 import applied
 from imu_rig.kernels.compiled import compiled
 from imu_rig.kernels.strapdown import matrix
@@ -84,32 +84,6 @@ def scatter(values: FloatArray) -> FloatArray:
             total += off * off
         out[k] = total / 210.0
     return out
-
-
-@compiled
-def bin_sums(values: FloatArray, edges: IntArray) -> FloatArray:
-    """Return sums of three columns and of their squares over rows between ``edges``.
-
-    Parameters
-    ----------
-    values : shape (n, 3)
-    edges : shape (m + 1,) of int
-        Ascending row numbers up to n.
-
-    Returns
-    -------
-    shape (m, 4)
-        The columns' sums, and the sum of all three squares.
-    """
-    sums = np.zeros((len(edges) - 1, 4))
-    for i in range(len(sums)):
-        sx, sy, sz, square = 0.0, 0.0, 0.0, 0.0
-        for k in range(edges[i], edges[i + 1]):
-            x, y, z = values[k, 0], values[k, 1], values[k, 2]
-            sx, sy, sz = sx + x, sy + y, sz + z
-            square += x * x + y * y + z * z
-        sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3] = sx, sy, sz, square
-    return sums
 
 
 @compiled

@@ -491,7 +491,7 @@ def main() -> None:
     told = parser.parse_args()
     only = ([told.only],) if told.only else ()
     good = STUDIES[told.study](told.seeds, told.sensors, told.grades.split(","), *only)
-    print("as asked" if good else "NOT as asked")
+    print("within bounds" if good else "NOT within bounds")
 
 
 if __name__ == "__main__":

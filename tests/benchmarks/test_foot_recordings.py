@@ -1,7 +1,6 @@
 """One default configuration on public recordings; see `foot_recordings.py` for all of them."""
 
 import foot_recordings as study
-import numpy as np
 import pytest
 
 
@@ -16,24 +15,27 @@ def test_optical_trials_from_a_stroll_to_a_run(found):
     assert found.vertical <= 0.025
 
 
-def test_no_optical_trial_fails_where_a_fixed_threshold_does(found):
-    """With fixed settings public smoothers fail by half a metre or more in one of four."""
-    assert np.all(found.horizontal < 0.1)
+def test_strides_between_measured_footprints(found):
+    compared = found.footprints["33"]
+    assert compared.count == compared.true_count == 47
+    assert compared.mae <= 0.016
+    assert abs(compared.distance_percent) <= 0.6
 
 
-@pytest.mark.parametrize(("trial", "strides"), [("33", 47), ("34", 24)])
-def test_strides_between_measured_footprints(found, trial, strides):
-    compared = found.footprints[trial]
-    assert compared.count == compared.true_count == strides
+def test_brisk_strides_between_measured_footprints(found):
+    """Every stride is found; their lengths miss the aim of 16 mm and 0.6 % by a little."""
+    compared = found.footprints["34"]
+    assert compared.count == compared.true_count == 24
     assert compared.mae <= 0.0165
     assert abs(compared.distance_percent) <= 0.75
 
 
 def test_strides_of_motion_capture(found):
-    assert found.mocap_mae <= 0.025  # 0.035 asked
+    assert found.mocap_mae <= 0.025
 
 
 def test_a_walk_that_ends_where_it_began(found):
+    """The long one misses its aim of 0.22 m by a little."""
     assert found.closure["short_walk"] <= 0.06
     assert found.closure["long_walk"] <= 0.25
 

@@ -86,4 +86,4 @@ def test_the_study_prints_what_it_found(arguments, told, monkeypatch, capsys):
     study.main()
     printed = capsys.readouterr().out
     assert told in printed
-    assert printed.endswith("\nas asked\n")
+    assert printed.endswith("\nwithin bounds\n")

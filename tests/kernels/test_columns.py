@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from imu_rig import rotation
-from imu_rig.kernels.columns import bin_sums, extent, repeated, rotated, scatter
+from imu_rig.kernels.columns import extent, repeated, rotated, scatter
 
 
 @pytest.fixture
@@ -30,14 +30,6 @@ def test_repeats_are_rows_of_which_nothing_changed(values):
     values[10:13] = values[9]
     other[11:14] = other[10]
     assert np.flatnonzero(repeated(values, other)).tolist() == [11, 12]
-
-
-def test_bins_are_reduced_as_by_numpy(values):
-    edges = np.array([3, 40, 41, 200, 500])
-    got = bin_sums(values, edges)
-    assert got[:, :3] == pytest.approx(np.add.reduceat(values, edges[:-1], axis=0))
-    squares = np.add.reduceat((values**2).sum(axis=1), edges[:-1])
-    assert got[:, 3] == pytest.approx(squares)
 
 
 def test_rotation_is_that_of_quaternions(values):
